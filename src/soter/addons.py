@@ -65,7 +65,7 @@ def add_on_of(module: str) -> str | None:
 
 
 def load_module(module: str) -> Any:  # noqa: ANN401 - the caller knows its names
-    """Imports a module of the core or of an add-on; SoterError D007 if the add-on is missing."""
+    """Imports a module of the core or of an add-on; raises D007 if the add-on is missing."""
     try:
         return import_module(module)
     except ModuleNotFoundError as error:

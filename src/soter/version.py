@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 def why_format_is_unreadable(found: object, known: int) -> str:
-    """A clause that says why format `found` cannot be read; "" if `found` is the format `known`."""
+    """A clause that says why format `found` cannot be read; "" if `found` equals `known`."""
     if found == known and type(found) is int:
         return ""
     if type(found) is not int:

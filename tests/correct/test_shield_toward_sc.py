@@ -349,7 +349,7 @@ def held_judged(builder: Any, component: Any, outputs: Any) -> None:
     _judges(builder, component, ())
 
 
-_judges = steps._emit_guard
+_judges = steps._emit_permission_guard
 
 
 @pytest.mark.parametrize("wrong", [unjudged, held_judged])
@@ -360,7 +360,7 @@ def test_c_that_does_not_judge_what_it_moved_is_noticed(
     monkeypatch.setattr(shield_tables, "moved_commands", full)
     path = written(tmp_path, "publish accel = 0.5;", TOWARD)
     assert not differ(path)
-    monkeypatch.setattr(steps, "_emit_guard", wrong)
+    monkeypatch.setattr(steps, "_emit_permission_guard", wrong)
     assert differ(path)
 
 

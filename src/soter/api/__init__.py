@@ -93,7 +93,9 @@ def _error_lines(error: SoterError) -> list[str]:
     return traceback_lines(error)
 
 
-def _print(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+def _print_uncaught(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
     if not isinstance(error, SoterError) or os.environ.get(ALL) or sys.stderr is None:
         sys.__excepthook__(kind, error, trace)
         return
@@ -102,7 +104,7 @@ def _print(kind: type[BaseException], error: BaseException, trace: TracebackType
 
 setattr(SoterError, "_render_traceback_", _error_lines)  # noqa: B010 - IPython asks for that name
 if sys.excepthook is sys.__excepthook__:  # else another package shows errors
-    sys.excepthook = _print
+    sys.excepthook = _print_uncaught
 
 
 def __getattr__(name: str) -> object:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def time_ns(name: str, time: float | str | None) -> int | None:
-    """The time that a caller gave for argument `name`, in ns; None without one; SoterError U001."""
+    """Gives the time of argument `name` in ns, or None for None; raises U001 for a wrong time."""
     if time is None:
         return None
     try:
@@ -39,7 +39,7 @@ def time_ns(name: str, time: float | str | None) -> int | None:
 
 
 def run_end_ns(system: System, until: float | str | None) -> int:
-    """The end of a run in ns, from `until` or the system; `SoterError` U001 if neither has one."""
+    """The end of a run in ns, from `until` or the system. Raises U001 if neither sets an end."""
     from soter.simulate.run_options import until_ns  # noqa: PLC0415 - see `soter.api`
 
     if until is not None:
@@ -54,7 +54,7 @@ def run_end_ns(system: System, until: float | str | None) -> int:
 
 
 def chosen_modules(flat: System, module: str | None) -> list[Module]:
-    """The modules of this full or declared name, by default all; `SoterError` U001 if none."""
+    """The modules called `module`, or all if it is None. Raises U001 if no module is called so."""
     modules = [m for m in flat.modules if module is None or module in (m.name, m.symbol.name)]
     if not modules:
         names = ", ".join(f"`{m.name}`" for m in flat.modules) or "none"
@@ -64,7 +64,7 @@ def chosen_modules(flat: System, module: str | None) -> list[Module]:
 
 
 def read_params(program: TypedProgram, params: Mapping[str, object] | None) -> dict[str, Value]:
-    """The values of the parameters that a caller gave, by full name; `SoterError` U001, U004."""
+    """Reads the parameter values of a caller, by full name. Raises SoterError U001 or U004."""
     if not params:
         return {}
     from soter.simulate.run_options import param_values  # noqa: PLC0415 - see `soter.api`
@@ -73,7 +73,7 @@ def read_params(program: TypedProgram, params: Mapping[str, object] | None) -> d
 
 
 def params_as_json(program: TypedProgram, values: Mapping[str, Value]) -> dict[str, object]:
-    """Values of parameters as JSON for a trace, with durations in ns."""
+    """The parameter values as JSON for a trace, with durations in ns."""
     params: dict[str, object] = {}
     for name, value in values.items():
         param = program.param(name)
@@ -85,7 +85,7 @@ def params_as_json(program: TypedProgram, values: Mapping[str, Value]) -> dict[s
 def params_from_json(
     program: TypedProgram, values: Mapping[str, object], file: Path
 ) -> dict[str, Value]:
-    """Values of parameters from the JSON of a trace; `SoterError` D010."""
+    """The parameter values, read from the JSON of a trace. Raises SoterError D010."""
     from soter.explore.trace import no_trace_error  # noqa: PLC0415 - see `soter.api`
 
     params: dict[str, Value] = {}
@@ -101,7 +101,7 @@ def params_from_json(
 
 
 def read_text(path: str) -> str:
-    """The text of a source file; `SoterError` D001, D005 if it cannot be read."""
+    """The text of a source file. Raises SoterError D001 or D005 if the file cannot be read."""
     diagnostics = Diagnostics()
     text = read_source(Path(path), path, diagnostics)
     if text is None:
@@ -110,7 +110,7 @@ def read_text(path: str) -> str:
 
 
 def format_text(name: str, text: str) -> str:
-    """A program's text in the standard layout; `SoterError` if it does not parse."""
+    """The text of a program in the standard layout. Raises SoterError if it does not parse."""
     diagnostics = Diagnostics()
     formatted = format_source(Source(name, text), diagnostics)
     if formatted is None:

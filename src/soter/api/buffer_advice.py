@@ -57,7 +57,7 @@ UNTIL_NS = 60 * 10**9
 
 @dataclass(frozen=True)
 class BufferRow:
-    """The place where SC takes over at a speed, its `room` to the fence, and how much SC `used`."""
+    """The place where SC takes over at a speed, its distance `room` to the fence, and SC's use."""
 
     speed: float
     taken_at: float
@@ -67,9 +67,9 @@ class BufferRow:
 
 @dataclass(frozen=True)
 class Buffers:
-    """A module's rows, for speeds up to `fastest`, above which AC has no control at the start.
+    """The buffer rows of a module, for speeds up to `fastest`, the highest at which AC has control.
 
-    `position`, `speed`: numbers of topics; `fence`: where `safe` ends.
+    `position`, `speed`: the numbers varied, as `topic.field`; `fence`: where `safe` ends.
     """
 
     module: str
@@ -90,11 +90,11 @@ def buffers(
     params: Mapping[str, object] | None = None,
     progress: Progress | None = None,
 ) -> tuple[Buffers, ...]:
-    """How far from the fence each module gives control to SC, by speed.
+    """For each module and speed, how far from the fence SC takes over.
 
-    Of modules of `system`, by default the program's own choice; `named`: position and speed, as
-    `topic.field`; None: they are found. `SoterError` R... for a module without a problem, U001
-    where there is no such module, or no position, speed or end of `safe` is found.
+    `system` is by default the program's choice; `named`: position and speed as `topic.field`, found
+    automatically if None. Raises SoterError R... for a module that poses no problem, U001 for an
+    unknown module, or if no position, speed or end of `safe` is found.
     """
     with whole_shares_to(progress):
         flying = program.declared(system, params)
@@ -108,10 +108,10 @@ def buffers(
 def _buffers_of_module(
     flat: System, module: Module, problem: Problem, named: tuple[str, str] | None
 ) -> Buffers:
-    """Asks the DM of a module of a flat system whose predicates are known.
+    """Finds the buffers of a module by asking its DM; the system's predicates must be known.
 
-    `named`: position and speed, as `topic.field`; None: they are found. `SoterError` U001 where a
-    name is none of a state's, where nothing is found, or where `safe` has no end that way.
+    `named`: position and speed as `topic.field`, found automatically if None. Raises SoterError
+    U001 if a name shows no state, if nothing is found, or if `safe` has no end in that direction.
     """
     names = {
         leaf_name(problem.system.topics[t].name, _leaf_path(problem, t, k)): s
@@ -141,7 +141,7 @@ def _leaf_path(problem: Problem, topic: int, leaf: int) -> tuple[str, ...]:
 
 
 def _position_speed_pairs(problem: Problem, names: Mapping[str, int]) -> Iterator[tuple[str, str]]:
-    """Yields pairs of a number that `safe` reads, and a number on which its rate depends."""
+    """Yields each number that `safe` reads with a number that its derivative depends on."""
     read = {problem.module.scope.topics[t] for t in topic_reads(problem.module.symbol.safe)}
     of_state = {s: n for n, s in names.items()}
     states = problem.quantities.states
@@ -191,17 +191,17 @@ class _Probe:
         return self.dm.decide_when_fresh(self.module, state) == AC
 
     def find_fence(self) -> float | None:
-        """The end of `safe` in the way, at rest or else at a speed (passive safety), or None."""
-        self.fastest = self._end_of_range(self.speed)
+        """The position where `safe` ends in the direction of motion, at rest or else at speed."""
+        self.fastest = self._range_end_toward_fence(self.speed)
         if self.fastest is None:
             return None
         self.way = math.copysign(
             1.0, self.sc_distance(self.initial[self.position], self.fastest, 0.0)
         )
-        start, last = self.initial[self.position], self._end_of_range(self.position)
+        start, last = self.initial[self.position], self._range_end_toward_fence(self.position)
         ends = [start + self.way * 2.0**k for k in range(FARTHEST_2)] if last is None else [last]
         for v, end in product((0.0, self.fastest), ends):
-            at = _last_holding(
+            at = _last_number_holding(
                 start, end, partial(lambda v, x: self.facts.safe(self.topic_values(x, v)), v)
             )
             if at is None or at != end:
@@ -209,23 +209,25 @@ class _Probe:
         return None
 
     def buffer_rows(self, fence: float, fastest: float) -> Iterator[BufferRow]:
-        """Yields a row for each speed up to the fastest."""
+        """Yields a row for each of the `SPEEDS` speeds at which AC ever has control."""
         for k in range(1, SPEEDS + 1):
             v = fastest * k / SPEEDS
-            at = _last_holding(self.initial[self.position], fence, partial(self.keeps_ac, v=v))
+            at = _last_number_holding(
+                self.initial[self.position], fence, partial(self.keeps_ac, v=v)
+            )
             if at is not None:
                 yield BufferRow(v, at, abs(fence - at), self.sc_distance(at, v, self.way))
 
     def fastest_in_ac(self) -> float:
-        """The highest speed at which AC is in control at the position of the start."""
+        """The highest speed at which AC is in control at the initial position."""
         assert self.fastest is not None
-        v = _last_holding(
+        v = _last_number_holding(
             0.0, self.fastest, lambda v: self.keeps_ac(self.initial[self.position], v)
         )
         return 0.0 if v is None else v
 
-    def _end_of_range(self, state: int) -> float | None:
-        """The end of a number's range in the direction of the fence; None if it is too far."""
+    def _range_end_toward_fence(self, state: int) -> float | None:
+        """The end of a state's range toward the fence; None if it is too far away."""
         topic, leaf = self.problem.topic_leaf_of_state[state]
         bound, of = self.problem.system.topics[topic].bounds[leaf], self.problem.states[state]
         low, high = (of.low, of.high) if bound is None else (bound.low, bound.high)
@@ -233,7 +235,7 @@ class _Probe:
         return end if abs(end) < FARTHEST else None
 
     def sc_distance(self, x: float, v: float, way: float) -> float:
-        """The distance SC moves on in the model; if `way` is 0, the distance of its first move."""
+        """The distance that SC moves on in the model, or its first move if `way` is 0."""
         states = self.problem.quantities.states
         changed = [self._exact_plant(c, x, v) for c in self.flat.components if c.plant is not None]
         system = derived_systems.with_components(self.flat, changed)
@@ -269,8 +271,8 @@ class _Probe:
         )
 
 
-def _last_holding(start: float, end: float, holds: Callable[[float], bool]) -> float | None:
-    """The last number from `start` to `end` up to which `holds` is true; None if there is none."""
+def _last_number_holding(start: float, end: float, holds: Callable[[float], bool]) -> float | None:
+    """The last number from `start` to `end` up to which `holds` is true; None if none is."""
     if not holds(start):
         return None
     for k in range(STEPS):

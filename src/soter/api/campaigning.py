@@ -26,7 +26,7 @@ from soter.campaign.result import ORDER, Campaign, FlownArm, attributions, count
 from soter.campaign.store import CampaignIdentity, CampaignStore, write_parquet
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, mistake
 from soter.language.evaluate.topic_ranges import truth_by_parts
-from soter.native.extern_bindings import bind_derived
+from soter.native.extern_bindings import bindings_of_derived
 from soter.report.wording import changed_parameters
 from soter.simulate.run_options import seed_value
 
@@ -62,14 +62,14 @@ def campaign(
 ) -> Campaign:
     """Flies `flights` seeds, or as many as make `hours` of flight (1 h by default).
 
-    Flight k is the run of seed `seed` + k, so `soter run --seed` flies it again. `workers`:
-    threads; "local", which is the default: one a core; "ray": the cores of a Ray cluster. The
-    results are the same. `output`: the folder; a campaign of the same program, system, time,
-    parameters and seed goes on where it stopped, and may be made longer. `arms`: also fly `ac`,
-    `paper`, `swept` on these seeds, each in a folder of its own below; `lateness_s`: how long this
-    machine is measured for the paper's rules. `saves`: count saves, flying AC on for so long
-    (seconds, or text) where it was taken off. SoterError U001 for wrong figures, C006 for a system
-    that judges nothing, U003 for extern nodes, D006 for the folder, D007, D018 for the cluster.
+    Flight k is the run of seed `seed` + k, so `soter run --seed` flies it again. `workers`: the
+    number of threads; "local", the default: a thread for each core; "ray": the cores of a Ray
+    cluster; the results are the same. `output`: the folder. A stopped campaign with the same
+    settings continues, and may be made longer. `arms`: also fly `ac`, `paper` or `swept` on these
+    seeds, each in a subfolder; `lateness_s`: how long to measure this machine for the paper's
+    rules. `saves`: count saves; after AC lost control, fly it on for this time (seconds or text).
+    Raises SoterError U001 for wrong numbers, C006 if the system judges nothing, U003 for extern
+    nodes, D006 for the folder, D007 or D018 for the cluster.
     """
     began = time.perf_counter()
     flat, core, until_ns = bindings.system, bindings.core, run_end_ns(bindings.system, until)
@@ -83,12 +83,14 @@ def campaign(
     about = replace(about, **fleet.code_fields())
     todo = [(OURS, "the system as it is declared", fleet, folder, about)]
     for arm in others:
-        other = Fleet(arm.system, until_ns, core=bind_derived(bindings, arm.system).core)
+        other = Fleet(arm.system, until_ns, core=bindings_of_derived(bindings, arm.system).core)
         of = _campaign_identity(arm.system, path, until_ns, seed, 0)
-        at = _quantiles_ns(lateness)
+        at = _lateness_quantiles_ns(lateness)
         identity = replace(of, arm=arm.name, lateness=at, **other.code_fields())
         todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", identity))
-    shares = [_progress_of_part(progress or _ignore_share, k, len(todo)) for k in range(len(todo))]
+    shares = [
+        _progress_of_part(progress or _ignore_progress, k, len(todo)) for k in range(len(todo))
+    ]
     with ExitStack() as held:
         crew = threads or held.enter_context(join_cluster())
         flown = [_fly_arm(*one, count, crew, t) for one, t in zip(todo, shares, strict=True)]
@@ -118,7 +120,7 @@ def campaign(
 
 
 def _horizon_of_saves_ns(saves: float | str | None) -> int:
-    """How long AC is flown on after it lost control, in ns; 0 if not at all. SoterError U001."""
+    """How long AC flies on after it lost control, in ns; 0 if `saves` is None. Raises U001."""
     horizon_ns = time_ns("saves", saves) or 0
     if saves is not None and horizon_ns <= 0:
         raise mistake("U001", "saves need a time for which AC is flown on", "as `--saves 10s`")
@@ -126,15 +128,15 @@ def _horizon_of_saves_ns(saves: float | str | None) -> int:
 
 
 def _require_judged(flat: System) -> None:
-    """Raises SoterError C006 if the system has nothing by which flights could be judged."""
+    """Raises SoterError C006 if the system has no property or measure to judge flights by."""
     if not flat.properties and not flat.measures:
-        raise SoterError((_no_property(flat, Severity.ERROR),))
+        raise SoterError((_no_property_diagnostic(flat, Severity.ERROR),))
 
 
 def _campaign_warnings(flat: System, r: Result) -> Iterator[Diagnostic]:
-    """Yields warnings about conclusions that these flights do not support."""
+    """Yields a warning for each conclusion that the flights of a campaign do not support."""
     if not flat.properties:
-        yield _no_property(flat, Severity.WARNING)
+        yield _no_property_diagnostic(flat, Severity.WARNING)
     for p in flat.properties:
         wanted = {"always": True, "never": False}.get(p.kind)
         if wanted is not None and truth_by_parts(p.condition, flat, p.scope) is wanted:
@@ -152,7 +154,7 @@ def _campaign_warnings(flat: System, r: Result) -> Iterator[Diagnostic]:
         yield Diagnostic("C007", message, notes=(note,), helps=helps, severity=Severity.WARNING)
 
 
-def _no_property(flat: System, severity: Severity) -> Diagnostic:
+def _no_property_diagnostic(flat: System, severity: Severity) -> Diagnostic:
     message = f"system `{flat.name}` has no property: no flight of it can be violated"
     helps = ["say what shall hold: `always CONDITION;` in the system"]
     if severity is Severity.ERROR:
@@ -161,7 +163,7 @@ def _no_property(flat: System, severity: Severity) -> Diagnostic:
 
 
 def _thread_count(workers: int | str | None) -> int:
-    """The number of threads that fly; 0 if a Ray cluster flies. SoterError U001, D007."""
+    """The number of threads that fly; 0 if a Ray cluster flies. Raises U001 or D007."""
     if workers == RAY:
         require_ray()
         return 0
@@ -173,7 +175,7 @@ def _thread_count(workers: int | str | None) -> int:
 
 
 def _faults_with_assumptions(flat: System) -> tuple[tuple[str, str], ...]:
-    """Pairs of a fault's text and the assumption that it respects in all components, or ""."""
+    """Pairs of a fault's text and the assumption it always respects, or "" without one."""
     places_by_fault: dict[str, list[str | None]] = {ORDER: [None]} if flat.shuffled else {}
     for f in (f for f in flat.faults if f.on is None):
         places_by_fault.setdefault(f.text, []).append(f.inside)
@@ -183,7 +185,7 @@ def _faults_with_assumptions(flat: System) -> tuple[tuple[str, str], ...]:
 
 
 def own_folder(flat: System, path: str, until: Any, seed: int) -> Path:  # noqa: ANN401
-    """The default folder of a campaign of this system; SoterError U001 if a run has no end."""
+    """The default folder of a campaign of this system. Raises U001 if a run has no end."""
     return _default_folder(path, _campaign_identity(flat, path, run_end_ns(flat, until), seed, 0))
 
 
@@ -208,7 +210,7 @@ def _campaign_identity(
 def _lateness_and_arms(
     flat: System, names: Sequence[str], folder: Path, seconds: float
 ) -> tuple[Lateness | None, list[Arm]]:
-    """The measured lateness if an arm needs it, else None; and the arms besides the system."""
+    """The lateness of this machine if an arm needs it, else None; and the arms to fly."""
     find_arms(flat, [n for n in names if n != PAPER], ())  # raises for wrong names
     lateness = None
     if PAPER in names:
@@ -217,7 +219,7 @@ def _lateness_and_arms(
     return lateness, find_arms(flat, names, lateness.quantiles_ns if lateness else ())[1:]
 
 
-def _quantiles_ns(lateness: Lateness | None) -> list[int]:
+def _lateness_quantiles_ns(lateness: Lateness | None) -> list[int]:
     return list(lateness.quantiles_ns) if lateness else []
 
 
@@ -263,7 +265,7 @@ def _progress_of_part(progress: Progress, k: int, count: int) -> Progress:
     return lambda share: progress((k + share) / count)
 
 
-def _ignore_share(_: float) -> None:
+def _ignore_progress(_: float) -> None:
     pass
 
 
@@ -293,7 +295,7 @@ def _default_folder(path: str, about: CampaignIdentity) -> Path:
 def write_campaign(
     flown_campaign: Campaign, path: str, report: str | Path | None, *, parquet: bool = False
 ) -> list[Path]:
-    """Writes a campaign's page ("": beside the flights) and tables; SoterError D006, D007."""
+    """Writes the page and the tables of a campaign. Raises SoterError D006 or D007."""
     made: list[Path] = []
     if report is not None:
         target = Path(report or flown_campaign.folder / "report.html")
@@ -306,6 +308,6 @@ def write_campaign(
 
 
 def campaign_settings(args: Mapping[str, Any]) -> dict[str, Any]:
-    """The keyword arguments for `campaign` among those of a command line."""
+    """Selects the keyword arguments of `campaign` from those of a command line."""
     names = ("hours", "flights", "until", "seed", "workers", "output", "arms", "saves")
     return {n: args[n] for n in names}

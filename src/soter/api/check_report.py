@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ThreadRow:
-    """A component of the trusted thread; all times in ns, from its release.
+    """A component of the trusted thread; all times are in ns after its release.
 
-    `start`, `response`: latest start and end over all executions; None if no bound is known.
+    `start`, `response`: latest start and end in any execution; None if no bound is known.
     """
 
     name: str
@@ -45,7 +45,7 @@ class ThreadRow:
 
 @dataclass(frozen=True)
 class SwitchReport:
-    """P1c of a module with declared times: `holds`, `fails` or `undecided`; None: not known."""
+    """Whether P1c of a module holds with its declared times; None if that is not known."""
 
     module: str
     verdict: str
@@ -59,12 +59,12 @@ class SwitchReport:
 
 @dataclass(frozen=True)
 class TimingReport:
-    """The thread of the trusted part of one system (docs/timing.md).
+    """The timing of the trusted part's thread in one system (docs/timing.md).
 
     `verdict`: `fits`, `misses` or `undecided`; the thread is busy for at most `busy_ns` of every
-    `hyperperiod_ns`; `exact`: whether some execution reaches the figures; `schedule`: the steps
-    before a miss; `elsewhere`: components with processes of their own; `missing`: those without
-    `wcet`; `assumed`: how counts of instructions became times, or "".
+    `hyperperiod_ns`; `exact`: whether an execution reaches these numbers; `schedule`: the steps
+    before a miss; `elsewhere`: components that run in other processes; `missing`: components
+    without `wcet`; `assumed`: how instruction counts became times, or "".
     """
 
     system: str
@@ -83,7 +83,7 @@ class TimingReport:
 def timing_reports(
     systems: list[System], assumed: Mapping[str, str] | None = None
 ) -> tuple[tuple[TimingReport, ...], tuple[Diagnostic, ...]]:
-    """Reports on systems with execution times, and errors; `assumed`: texts by system."""
+    """Timing reports of systems with execution times, and the errors; `assumed`: by system."""
     timed = [s for s in systems if s.timed]
     if not timed:
         return (), ()
@@ -98,7 +98,7 @@ def timing_reports(
         report_miss(timing, diagnostics)
         switches = _switch_reports(system, diagnostics)
         rests_on = (assumed or {}).get(system.name, "")
-        reports.append(replace(_report_of_timing(timing, switches), assumed=rests_on))
+        reports.append(replace(_timing_report(timing, switches), assumed=rests_on))
     return tuple(reports), diagnostics.items
 
 
@@ -124,12 +124,12 @@ def _switch_reports(system: System, diagnostics: Diagnostics) -> tuple[SwitchRep
                 notes=(switch.in_words(),),
                 helps=("a longer `horizon`, which `ttf` has to look ahead, or shorter times",),
             )
-        switches.append(_report_of_switch(switch))
+        switches.append(_switch_report(switch))
     return tuple(switches)
 
 
 def _enter_times_of_deployed(system: System, proved: System) -> None:
-    """Copies to components of the proved system the times of the deployed components."""
+    """Copies the times of the deployed components to the same components of the proved system."""
     known = {c.name: c for c in system.components}
     for c in proved.components:
         if c.name in known:
@@ -137,7 +137,7 @@ def _enter_times_of_deployed(system: System, proved: System) -> None:
 
 
 def _modules_with_plants(system: System) -> list[tuple[System, Module]]:
-    """Each module with the system that has its plants: its own, or the one it deploys."""
+    """Pairs of each module and the system with its plants: its system, or the proved one."""
     proved = system.proved
     if proved is None:
         return [(system, m) for m in system.modules]
@@ -145,7 +145,7 @@ def _modules_with_plants(system: System) -> list[tuple[System, Module]]:
     return [(proved, modules[m.name]) for m in system.modules if m.name in modules]
 
 
-def _report_of_switch(switch: SwitchLatency) -> SwitchReport:
+def _switch_report(switch: SwitchLatency) -> SwitchReport:
     largest, ns = switch.largest or (None, None)
     return SwitchReport(
         module=switch.module,
@@ -159,7 +159,7 @@ def _report_of_switch(switch: SwitchLatency) -> SwitchReport:
     )
 
 
-def _report_of_timing(timing: Timing, switches: tuple[SwitchReport, ...]) -> TimingReport:
+def _timing_report(timing: Timing, switches: tuple[SwitchReport, ...]) -> TimingReport:
     from soter.timing.trusted_thread import schedule_lines  # noqa: PLC0415 - see `soter.api`
 
     return TimingReport(
@@ -190,7 +190,7 @@ def _report_of_timing(timing: Timing, switches: tuple[SwitchReport, ...]) -> Tim
 
 @dataclass(frozen=True)
 class ModuleReport:
-    """A module as checked. `verdicts`: by property (P1a to P3), `proved` or `assumed`."""
+    """The check result of a module; `verdicts`: for P1a to P3, `proved` or `assumed`."""
 
     name: str
     period_s: float
@@ -202,7 +202,7 @@ class ModuleReport:
 
 @dataclass(frozen=True, kw_only=True)
 class SystemReport:
-    """A system as checked."""
+    """The check result of a system."""
 
     name: str
     default: bool
@@ -261,7 +261,7 @@ def check_report(
     bound: Mapping[str, object],
     times: str | Path | None = None,
 ) -> CheckReport:
-    """The report on a sound program; `SoterError` U005 where `bound` names no extern of `flat`."""
+    """The report on a sound program. Raises U005 if `bound` names an unknown extern."""
     program = checked.program
     assert program is not None
     if bound:
@@ -286,7 +286,7 @@ def check_report(
 
 
 def add_stale_monitors(checked: CheckResult) -> None:
-    """Adds D022 for each model monitor in a sound program that belongs to another model."""
+    """Adds a D022 diagnostic for each monitor in the program that fits another model."""
     if not checked.ok or checked.loaded is None:
         return
     if any("soter monitor --emit" in file.source.text for file in checked.loaded.files):

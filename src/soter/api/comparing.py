@@ -54,7 +54,7 @@ STANDS, AGAIN, GONE, NEW, OPEN = "stands", "again", "gone", "new", "open"
 
 @dataclass(frozen=True)
 class DeclarationChange:
-    """A declaration that is "changed", "gone" or "new" (`how`). `lines`: `-` old, `+` new."""
+    """A declaration that is "changed", "gone" or "new"; `lines` start with `-` (old) or `+`."""
 
     kind: str
     name: str
@@ -64,10 +64,10 @@ class DeclarationChange:
 
 @dataclass(frozen=True)
 class Consequence:
-    """What becomes of a proof, of times, of the runs of a system or test, or of a requirement.
+    """The effect of a change on a proof, times, runs of a system or test, or a requirement.
 
-    `status`: "stands", "again" (it has to be made again), "gone", "new", or "open" of a requirement
-    that leads to nothing here; `because`: the names of changed declarations that are in it.
+    `status`: "stands", "again" (must be made again), "gone", "new", or "open" for a requirement
+    that leads to nothing here; `because`: the names of the changed declarations that it depends on.
     """
 
     what: str
@@ -87,7 +87,7 @@ class Comparison:
 
     @property
     def again(self) -> tuple[Consequence, ...]:
-        """The results that have to be made again, or for the first time."""
+        """The results that must be made again or for the first time."""
         return tuple(c for c in self.consequences if c.status in (AGAIN, NEW))
 
     @property
@@ -102,7 +102,7 @@ class Comparison:
         return f"{stand}; to be made again, too: {also}" if also else stand
 
     def write_page(self, path: Path) -> None:
-        """Writes the page; `SoterError` D006."""
+        """Writes the page. Raises SoterError D006 if it cannot be written."""
         changes = tuple((d.how, d.kind, d.name, "\n".join(d.lines)) for d in self.declarations)
         rows = tuple((c.what, c.name, c.status, ", ".join(c.because)) for c in self.consequences)
         sections = (
@@ -135,7 +135,7 @@ class Version:
         return self.checked.program
 
     def declaration_lines(self, symbol: typed.Symbol | None) -> list[str]:
-        """The lines of a declaration; none if the program's text does not have it."""
+        """The source lines of a declaration; empty if the program's text does not contain it."""
         assert self.checked.loaded is not None
         if symbol is None:
             return []
@@ -149,7 +149,7 @@ class Version:
         return [x for s in whole[:1] for x in s.source.text[s.start : s.end].splitlines()]
 
     def posed_parts(self) -> dict[tuple[str, str], PosedProblem]:
-        """By kind and name: everything that is proved, timed, flown or tested."""
+        """Maps a kind and a name to all that is proved, timed, flown or tested."""
         parts: dict[tuple[str, str], PosedProblem] = {}
         posed = posed_problems(self.checked, self.params)
         for (system, module), problem in posed.items():
@@ -164,9 +164,9 @@ class Version:
 
 
 def compare(old: str | Path, new: str | Path, hazards: str | Path | None = None) -> Comparison:
-    """Compares two programs or certificates; `hazards`: file of `soter assure --hazards`.
+    """Compares two programs or certificates; `hazards` is a file as for `soter assure --hazards`.
 
-    `SoterError` with the diagnostics of a program with errors, D009 where a folder is no
+    Raises SoterError with the diagnostics of a faulty program, D009 for a folder that is not a
     certificate, D006 and D021 for `hazards`.
     """
     before, after = _read_version(Path(old)), _read_version(Path(new))
@@ -215,7 +215,7 @@ def _declaration_changes(before: Version, after: Version) -> tuple[DeclarationCh
 
 
 def _declaration_text(symbol: typed.Symbol) -> str:
-    """The text of a declaration alone; other declarations in it are replaced by their names."""
+    """The text of a declaration; names replace the other declarations in it."""
 
     def name_of_other_declaration(part: object) -> object:
         if isinstance(part, typed.Literal) and part.name is not None:
@@ -243,7 +243,7 @@ def _consequence(
 def _timed_parts(
     flat: System, posed: Mapping[tuple[str, str], PosedProblem]
 ) -> dict[str, PosedProblem]:
-    """By `component in system`: the code of each step of the trusted thread, and of each DM."""
+    """The code of each trusted step and DM, by `component in system`."""
     where = f" in {flat.name}" if flat.name else ""
     timed = {c.name + where: step_text(flat, c) for c in flat.components if c.in_thread and c.node}
     for m in flat.modules:  # of one that poses no problem, all of its declaration
@@ -267,6 +267,6 @@ def _requirement_results(path: Path, found: list[Consequence]) -> list[Consequen
 
 
 def _concerns_names(c: Consequence, names: set[str]) -> bool:
-    """Whether a property of these modules, tests or conditions depends on a consequence."""
+    """Whether a consequence is about a property of these modules, tests or conditions."""
     flown = c.what == "runs" and any(n.startswith(("always ", "never ")) for n in names)
     return flown or (c.what in ("proof", "test") and c.name.partition(" in ")[0] in names)

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 def compute_ttf(
     system: System, known: Known | None = None, bound: Mapping[str, object] | None = None
 ) -> list[str]:
-    """Computes `ttf` and `safer` for modules that have neither; returns a note on each.
+    """Computes `ttf` and `safer` for modules that lack both; returns a note on each.
 
-    `known`: as `soter.verify.deploy.missing_predicates.complete` takes it. `bound`: what externs
-    are bound to, if all of them will be called; missing files are reported before the work.
+    `known`: as `soter.verify.deploy.missing_predicates.complete` takes it. `bound`: targets of the
+    externs, if all of them will be called; missing files are reported before the computation.
     """
     if all(m.symbol.ttf is not None for m in system.modules):
         return []

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Diagram:
-    """The nodes, topics, modules and plants of a system as a drawing: its name, and an SVG."""
+    """The drawing of a system's nodes, topics, modules and plants: a name and an SVG."""
 
     system: str
     svg: str
@@ -29,7 +29,7 @@ class Diagram:
         return self.svg
 
     def write(self, path: str | Path) -> Path:
-        """Writes the SVG; `SoterError` D006 if that fails or another file stands there."""
+        """Writes the SVG. Raises D006 if that fails or the path holds a file of another kind."""
         from soter.report.html import write_text  # noqa: PLC0415 - see `soter.api`
 
         target = Path(path)

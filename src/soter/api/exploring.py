@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 def chosen_tests(
     tests: Mapping[str, TestSymbol], path: str, names: str | Sequence[str] | None
 ) -> list[TestSymbol]:
-    """The tests of these names, in the program's order; `SoterError` U010 for an unknown name."""
+    """Selects tests by name, in the program's order. Raises U010 for an unknown name."""
     wanted = [names] if isinstance(names, str) else names
     unknown = [n for n in wanted or () if n not in tests]
     if tests and not unknown:
@@ -54,7 +54,7 @@ def chosen_tests(
 
 
 def with_skew_and_horizon(system: System, skew_ns: int | None, horizon_ns: int | None) -> System:
-    """A copy of the test with another skew or horizon; `SoterError` U001 if that is impossible."""
+    """A copy of the test with another skew or horizon. Raises U001 for an impossible value."""
     plan = test_plan(system)
     for word, ns, least in (("skew", skew_ns, 0), ("horizon", horizon_ns, 1)):
         if ns is not None and not least <= ns <= TIME_MAX:
@@ -86,9 +86,9 @@ def _require_few_steps(system: System, horizon: int) -> None:
 
 
 def explore(checked: CheckResult, path: str, choices: Mapping[str, Any]) -> ExploreReport:
-    """Explores every test of a sound program, or some, as `Program.explore` says.
+    """Explores all or some tests of a sound program, as `Program.explore` describes.
 
-    After an interrupt it returns what was covered with `partial`, else raises KeyboardInterrupt.
+    After an interrupt it returns a `partial` report, or raises KeyboardInterrupt if it has none.
     """
     options = make_record(SearchOptions, choices)
     if options.html:
@@ -127,7 +127,7 @@ def explore(checked: CheckResult, path: str, choices: Mapping[str, Any]) -> Expl
 
 @contextmanager
 def _keep_results(results: Sequence[object], tests: Sequence[object]) -> Iterator[None]:
-    """Lets Ctrl-C end the block and keep the results; raises it again if all tests are done."""
+    """Lets Ctrl-C end the block but keep the results; re-raises it if all tests are done."""
     try:
         yield
     except KeyboardInterrupt:
@@ -138,7 +138,7 @@ def _keep_results(results: Sequence[object], tests: Sequence[object]) -> Iterato
 def _flat_tests(
     checked: CheckResult, names: Sequence[str], values: Mapping[str, Value], options: SearchOptions
 ) -> list[System]:
-    """The flat systems of tests, predicates computed; SoterError with the errors of all of them."""
+    """The flat systems of tests, with predicates computed. Raises the errors of all tests."""
     diagnostics = Diagnostics()
     skew_ns, horizon_ns = time_ns("skew", options.skew), time_ns("horizon", options.horizon)
     systems = []

@@ -71,12 +71,12 @@ def identify(
     estimates: bool = False,
     params: Mapping[str, object] | None = None,
 ) -> Identification:
-    """Fits parameters to logs of `soter run --log`, or by a mapping to those of another system.
+    """Fits parameters to logs of `soter run --log`, or through a mapping to other logs.
 
-    `opened`: names of parameters; by default all of the main file that the plants of a proof, their
-    bounds or errors depend on. `episode`: the length, in s, into which each log is cut; by default
-    each log is one. `estimates` and errors: as of `Program.monitor` and `log_explained`;
-    SoterError U001, U004 for what cannot be fitted, D007 without SciPy.
+    `opened`: names of parameters; by default all in the main file that the plants of a proof or
+    their bounds or errors depend on. `episode`: the length in s into which each log is cut; uncut
+    by default. `estimates` and errors are as in `Program.monitor` and `log_explained`. Raises
+    SoterError U001 or U004 if something cannot be fitted, D007 without SciPy.
     """
     require_utf8(mapping, *logs)
     fixed = params or {}
@@ -135,7 +135,7 @@ def _mapped_run(
 def _asked_parameters(
     flat: System, opened: Sequence[str], fixed: Mapping[str, object]
 ) -> list[OpenParameter]:
-    """The requested parameters, or every float of the main file that nobody has set."""
+    """The requested parameters, or each float of the main file that has no fixed value."""
     declared = flat.program.params
     floats = [n for n, p in declared.items() if "." not in n and isinstance(p.type, FloatType)]
     read_params(flat.program, {n: flat.params.get(n, 0.0) for n in opened})  # U004
@@ -152,7 +152,7 @@ def _asked_parameters(
 
 
 def cut_episodes(name: str, record: RecordedRun, cut_ns: int | None) -> list[Episode]:
-    """A record cut into episodes; neighbours share an instant, so that no step is lost."""
+    """A record cut into episodes; neighbours share an instant so that no step is lost."""
     if cut_ns is None:
         return [Episode(name, record)]
     times, first, episodes = record.times_ns, 0, list[Episode]()
@@ -195,7 +195,7 @@ def require_replaceable(path: Path) -> None:
 
 
 def write_fit(found: Identification, path: Path) -> None:
-    """Writes the fitted values as a data file for programs; SoterError D006."""
+    """Writes the fitted values as a data file for programs. Raises SoterError D006."""
     require_replaceable(path)
     facts = {
         "held_out": found.held_out,
@@ -228,7 +228,7 @@ def fit_headline(found: Identification) -> str:
 
 
 def fit_sections(found: Identification, name: str) -> list[PageSection]:
-    """Sections about a fit for a page or a terminal; `name`: the path of the data file."""
+    """The sections about a fit for a page or terminal; `name` is the path of the data file."""
     explained = found.alarm is None
     texts = [ALIKE] + [TOGETHER] * (found.cut_s is not None) if explained else [NOT_EXPLAINED]
     if found.never_excited:
@@ -262,12 +262,12 @@ def _range_text(found: Identification, name: str) -> str:
 
 
 def data_path(program: str | Path, output: str | Path) -> str:
-    """The path by which a program names its data file, relative to the program's folder."""
+    """The path of the data file as the program names it, relative to the program's folder."""
     return Path(os.path.relpath(output, Path(program).parent)).as_posix()
 
 
 def write_page(found: Identification, title: str, name: str, path: Path) -> None:
-    """Writes the page about a fit; SoterError D006."""
+    """Writes the page about a fit. Raises SoterError D006 if that fails."""
     require_writable(path)
     logs = PageSection("Logs", (), ("log", "SHA-256"), tuple(found.logs.items()))
     verdict = "bad" if found.alarm is not None else "good"

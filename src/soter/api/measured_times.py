@@ -25,9 +25,9 @@ TIMES_FORMAT = 1
 
 
 def read_times(path: str | Path) -> tuple[str, str, dict[str, int], str]:
-    """The hash, the system, `wcet_ns` by component, and `assumed`, from a file of times.
+    """Reads from a file of times: the hash, system, `wcet_ns` by component, and `assumed`.
 
-    `SoterError` U011 if it is no such file; OSError if it cannot be read.
+    Raises SoterError U011 if it is not such a file, OSError if it cannot be read.
     """
     why = ""
     try:
@@ -49,10 +49,10 @@ def read_times(path: str | Path) -> tuple[str, str, dict[str, int], str]:
 
 
 def enter_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> dict[str, str]:
-    """Sets missing `wcet` of components from a file of times; `SoterError` U011 as `read_times`.
+    """Sets each missing `wcet` from a file of times; raises U011 as `read_times` does.
 
-    Returns what these times assume, by name of a system. U011 also if the file is of a program with
-    another hash than `sha256`, or of a system or components that this program does not have.
+    Returns, by system, what these times assume. Also raises U011 if the program in the file has a
+    hash other than `sha256`, or has a system or component that this program lacks.
     """
     program, name, times, assumed = read_times(path)
     components = systems[name].components if name in systems else ()

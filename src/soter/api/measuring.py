@@ -43,7 +43,7 @@ INSTRUCTION_MAX_NS = 10**6
 
 @dataclass(frozen=True)
 class Measured:
-    """The times of a system's steps, the `margin` on the longest, and what is `assumed`."""
+    """The times of a system's steps, the `margin` on the longest, and the assumptions made."""
 
     system: str
     program_sha256: str
@@ -64,11 +64,11 @@ def measure(
     seed: int = 1,
     progress: Callable[[float], None] | None = None,
 ) -> Measured:
-    """Measures single steps of every component of the trusted thread that is Soter code.
+    """Measures single steps of each component of the trusted thread that is Soter code.
 
-    `until`: the end of the run whose states the steps begin from (by default the system's own);
-    `samples`: about how many steps of each.
-    `SoterError` as `Program.simulate`, U001 if the margin is below 1.
+    `until`: the end of the run from whose states steps start, by default the end in the system;
+    `samples`: about how many steps to measure for each component. Raises SoterError as
+    `Program.simulate` does, and U001 if the margin is below 1.
     """
     _require_margin(margin)
     run = program.simulate(system, until, seed, params=params, sha256=False, apart=True)
@@ -88,11 +88,11 @@ def measure_on_board(
     *,
     margin: float = MARGIN,
 ) -> Measured:
-    """Counts instructions of single steps on a board that QEMU emulates, times a stated factor.
+    """Counts instructions of steps on a board that QEMU emulates, and multiplies by a time.
 
-    `instruction`: the longest time of one on the board, as the caller states it (`"20ns"`).
-    `SoterError` as `Program.build` and `built_image`, U001 for a wrong factor, X004 if no image can
-    be made or run here.
+    `instruction`: the longest time of an instruction on the board, set by the caller (`"20ns"`).
+    Raises SoterError as `Program.build` and `built_image` do, U001 for a wrong factor, X004 if an
+    image cannot be made or run here.
     """
     from soter.api.deploy.building import built_image, stack_bound  # noqa: PLC0415 - of this function alone
     from soter.targets.cortex_m_board import read_board  # noqa: PLC0415 - the same
@@ -129,7 +129,7 @@ def _require_margin(margin: float) -> None:
 
 
 def machine_text() -> str:
-    """This machine in words: its processor and system, without its or a user's name."""
+    """A description of this machine by processor and system, without machine or user names."""
     return f"{platform.system()} {platform.machine()}, {os.cpu_count()} processors"
 
 
@@ -156,7 +156,7 @@ DOCUMENT = JsonObject(
 
 
 def write_measurement(measurement: Measured, path: str | Path) -> Path:
-    """Writes the file and returns its path; OSError if that fails."""
+    """Writes the file and returns its path. Raises OSError if that fails."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(

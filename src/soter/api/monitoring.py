@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 def judge_modules(
     flat: System, log: str | Path | None, run: Run | None, module: str | None, *, estimates: bool
 ) -> list[Judgement]:
-    """Judges all modules, or one, on a log of the system `flat` or on a run with its trace."""
+    """Judges one module or all, on a log of the system `flat` or on a run with its trace."""
     notes: tuple[str, ...] = ()
     if run is not None:
         flat, record = run.system, record_of_trace(run)
@@ -67,7 +67,7 @@ def judge_modules(
 
 
 def _other_flight_note(log: Path, flat: System) -> tuple[str, ...]:
-    """A note if the log is of another program or system or has other values of parameters."""
+    """A note if the log is from another program or system or has other parameter values."""
     here_by_key = {f"param {name}": text for name, (text, _) in changed_parameters(flat).items()}
     here_by_key |= {"system": flat.name, "program_sha256": flat.program.sha256}
     in_log = {
@@ -97,12 +97,12 @@ def judge_log(
     partial: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> LogJudgement:
-    """Judges when modules would have switched on the reads of a log, and how near they came.
+    """Judges from a log when modules would have switched, and how close they came to it.
 
-    `flat_of`: makes a flat system by name and parameters. `log`: a file, or several CSVs that are
-    one log. `mapping`: a file or its content; `where`: column -> text of rows that count, besides
-    the mapping's own; `partial`: judge a damaged log up to the damage, which gives no verdict.
-    SoterError D015, D016, U001, U003; D017 if no module can be decided.
+    `flat_of`: makes a flat system by name and parameters. `log`: a file, or CSVs that form one log.
+    `mapping`: a file or its content; `where`: by column, the text that rows must have to count;
+    `partial`: judge a damaged log up to the damage, without a verdict. Raises SoterError D015,
+    D016, U001, U003, or D017 if nothing can be decided.
     """
     paths, flat, declared = _files_and_mapping(flat_of, log, mapping, system, params, where)
     chosen = [m.index for m in chosen_modules(flat, module)]
@@ -146,10 +146,10 @@ def log_explained(
     mapping: str | Path | Mapping[str, Any],
     **how: Any,  # noqa: ANN401 - as `mapped_record` has them
 ) -> list[Judgement]:
-    """Judges whether some run of the proof's plants fits the measurements and commands of a log.
+    """Judges whether any run of the proof's plants fits the values and commands in a log.
 
-    Arguments and errors as in `judge_log`; all driven topics and commands of a module have to be
-    mapped (D017), and its program has to determine a proof (R...).
+    Arguments and errors are as in `judge_log`. Raises D017 unless all driven topics and commands of
+    a module are mapped, and R... unless its program determines a proof.
     """
     found = mapped_record(flat_of, log, mapping, **how)
     flat, record = found.flat, found.record
@@ -163,7 +163,7 @@ def log_explained(
 
 @dataclass(frozen=True)
 class MappedRecord:
-    """A log of another system as a record. `outside`: values outside their sets, by topic."""
+    """A log of another system as a record; `outside` lists, by topic, values outside their sets."""
 
     flat: System
     problems: list[tuple[Module, Problem]]
@@ -174,7 +174,7 @@ class MappedRecord:
     damage: Damage | None
 
     def commands_outside(self, module: Module, problem: Problem) -> list[tuple[str, float]]:
-        """Commands of a module outside their sets, with times in s; no run has such commands."""
+        """The name and time in s of each command of a module that lies outside its set."""
         names = flying_topic_names(self.flat, module, problem)
         owners = {names[c.owner] for c in problem.quantities.controls} & self.outside.keys()
         return [(name, at_s) for name in owners for at_s, _ in self.outside[name]]
@@ -215,10 +215,10 @@ def mapped_record(
 def _record_of_samples(
     system: System, samples: list[TopicSamples]
 ) -> tuple[RecordedRun, dict[str, list[tuple[float, str]]]]:
-    """A record with the topics at each sample once all are known, and values outside sets.
+    """The record of all samples once every topic has a value, and the values outside their sets.
 
-    Nothing is interpolated; times are those of measuring, from the first row of the log on; there
-    are no true states. Angles go on at the end of a turn. A measurement in no set is left out.
+    Nothing is interpolated. Times are when values were measured, from the first row of the log on.
+    True states are absent; angles are unwrapped; a measurement outside its set is left out.
     """
     topics, at_ns = {t.name: t.default for t in system.topics}, samples[0].log_ns[:1]
     events = [(t, k, i) for k, s in enumerate(samples) for i, t in enumerate(s.stamps_ns or at_ns)]
@@ -266,6 +266,6 @@ def _files_and_mapping(
 
 
 def missing_error(module: str, missing: Sequence[object]) -> Diagnostic:
-    """The error D017 for a module some of whose topics a log does not have."""
+    """The error D017 for a module with topics that a log lacks."""
     notes = tuple(f"missing: {m}" for m in missing)
     return Diagnostic("D017", f"the log does not decide module `{module}`", notes=notes)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def require_utf8(*names: object) -> None:
-    """Raises `SoterError` U003 for a path that is not UTF-8; the current folder is exempt."""
+    """Raises U003 if a path is not valid UTF-8; the current folder may be anything."""
     here = ""
     with suppress(OSError):
         here = str(Path.cwd() / "_")[:-1]
@@ -42,7 +42,7 @@ def require_utf8(*names: object) -> None:
 
 
 def require_writers(log: str | Path | None, report: str | Path | None) -> None:
-    """Raises SoterError before a run if its log or report could not be written afterwards."""
+    """Raises SoterError before a run if the log or report could not be written after it."""
     if log is not None:
         from soter.report.mcap_reading import require_log_package  # noqa: PLC0415 - an extra
 
@@ -57,7 +57,7 @@ def require_writers(log: str | Path | None, report: str | Path | None) -> None:
 
 
 def opened_run_log(log: str | Path | RunLog | None) -> RunLog | None:
-    """The open writer of a run's log; None without a log; `SoterError` D007."""
+    """Opens the log of a run, or returns None without a log. Raises D007 if an extra is missing."""
     if not isinstance(log, (str, Path)):
         return log
     from soter.simulate.run_log import RunLog  # noqa: PLC0415 - an extra
@@ -66,7 +66,7 @@ def opened_run_log(log: str | Path | RunLog | None) -> RunLog | None:
 
 
 def require_writable(path: Path) -> None:
-    """Raises D006 if a log or report cannot be written to `path` or would replace another file."""
+    """Raises D006 if `path` is not writable or holds a file of another kind."""
     require_utf8(path)
     require_no_certificate(path)
     reason, folder = "", next((p for p in path.absolute().parents if p.exists()), path)
@@ -83,7 +83,7 @@ def require_writable(path: Path) -> None:
 
 
 def require_no_certificate(path: Path, cert: Path | None = None) -> None:
-    """Raises D006 if a file would stand in a certificate, or in the future one `cert`."""
+    """Raises D006 if `path` lies in a certificate's folder or in the planned folder `cert`."""
     for folder in path.resolve().parents:
         sealed = (folder / "SEAL").is_file() and (folder / "manifest.json").is_file()
         if sealed or (cert is not None and folder == cert.resolve()):
@@ -92,14 +92,14 @@ def require_no_certificate(path: Path, cert: Path | None = None) -> None:
 
 
 def may_replace(path: Path, *beginnings: bytes) -> bool:
-    """Whether a file may be replaced, as it is empty or begins like what soter writes there."""
+    """Whether a file is empty or begins as Soter's output does, and so may be overwritten."""
     with path.open("rb") as stream:
         start = stream.read(64).lstrip().lower()
     return not start or start.startswith(beginnings)
 
 
 def write_advice(advice: Sequence[Advice], program: str, path: Path) -> None:
-    """Writes a page with the figure of each module; `SoterError` D006 if it cannot be written."""
+    """Writes a page with a plot for each module. Raises SoterError D006 if that fails."""
     from soter.report.html import write_document  # noqa: PLC0415 - see `soter.api`
     from soter.report.proof_page import advice_main  # noqa: PLC0415 - only then
 
@@ -109,7 +109,7 @@ def write_advice(advice: Sequence[Advice], program: str, path: Path) -> None:
 def write_sections(
     path: Path, title: str, headline: str, verdict: str, sections: Sequence[PageSection]
 ) -> None:
-    """Writes a page of sentences and tables, as `sections_main` takes them; `SoterError` D006."""
+    """Writes a page of sections with sentences and tables. Raises SoterError D006 if that fails."""
     from soter.report.html import write_document  # noqa: PLC0415 - see `soter.api`
     from soter.report.templates import sections_main  # noqa: PLC0415 - only then
 
@@ -129,7 +129,7 @@ def write_test_page(result: TestResult) -> Path:
 
 
 def write_trace_page(replay: Replayed, view: SequenceView, path: Path) -> Path:
-    """Writes a trace as a page like that of a run; `SoterError` D006, D007 without plotly."""
+    """Writes a trace as a page like that of a run. Raises D006, or D007 without plotly."""
     from soter.explore.trace_page import trace_page  # noqa: PLC0415 - see `soter.api`
     from soter.report.html import write_html  # noqa: PLC0415 - see `soter.api`
 

@@ -60,16 +60,16 @@ if TYPE_CHECKING:
 
 
 def load(path: str | Path, progress: Tell | None = None, text: str | None = None) -> Program:
-    """Reads and checks the program in a file; `progress` is called with words on slow work.
+    """Reads and checks the program in a file; `progress` is called with a note on slow work.
 
-    It never fails: mistakes stand in `.diagnostics`, and methods that need a sound program raise
-    `SoterError`. `text`: used in place of the file's; imports are read from the file's folder.
+    It never fails: errors are in `.diagnostics`, and methods that need a sound program raise
+    `SoterError`. `text` replaces the file's text; imports are read from the file's folder.
     """
     return Program(str(path), progress, text)
 
 
 class Program:
-    """A checked program, and what its externs are bound to."""
+    """A checked program with the targets that its externs are bound to."""
 
     def __init__(self, path: str, progress: Tell | None = None, text: str | None = None) -> None:
         self.path = path
@@ -82,7 +82,7 @@ class Program:
         return f"<soter.Program {self.path}: {', '.join(self.systems) or 'no systems'}>"
 
     @cached_property
-    def _prepared(self) -> PreparedSystems:
+    def _prepared_systems(self) -> PreparedSystems:
         from soter.api.running import PreparedSystems  # noqa: PLC0415 - see the docstring
 
         return PreparedSystems()
@@ -110,11 +110,11 @@ class Program:
 
     @property
     def sha256(self) -> str | None:
-        """SHA-256 over every source and data file; None if nothing could be read."""
+        """SHA-256 hash over all source and data files; None if no file could be read."""
         return self._checked.program.sha256 if self._checked.program is not None else None
 
     def check(self, params: Params = None, *, times: str | Path | None = None) -> CheckReport:
-        """Reports on a sound program, else raises SoterError; `times`: of `soter measure`."""
+        """Reports on a sound program, else raises SoterError; `times`: file of `soter measure`."""
         values = self._param_values(params)
         flat = self._checked.flat if self.ok and not values and times is None else {}
         if len(flat) < len(self.systems):
@@ -122,27 +122,27 @@ class Program:
         return check_report(self.path, self._checked, flat, self._bound, times)
 
     def constant(self, name: str) -> Any:  # noqa: ANN401 - any Soter value
-        """The value of a constant by its full name (`city.GOALS`), as externs get it; KeyError."""
+        """The value of a constant by its full name, e.g. `city.GOALS`. Raises KeyError."""
         symbol = self._require_sound().consts[name]
         return to_python(symbol.type, symbol.value)
 
     def function(self, name: str) -> Callable[..., Any]:
-        """A function of the program as a callable, which may raise `soter.StepFault`; KeyError."""
+        """A function of the program as a callable, which may raise `StepFault`. Raises KeyError."""
         program = self._require_sound()
         return python_function(program, program.funs[name])
 
     def format(self) -> str:
-        """The text of the main file in the standard layout; `SoterError` if it does not parse."""
+        """The main file in the standard layout. Raises SoterError if it does not parse."""
         return format_text(self.path, read_text(self.path))
 
     def bind(self, name: str, target: object) -> Program:
         """Lets `target` answer the extern `name` in all later runs, and returns this program.
 
         `name`: a full name (`d.M.Learned`), its last part, or the declared name. `target`: a
-        callable, an object or class with `step` and perhaps `reset(seed)`, or a text
-        `python:file.py:name`, `c:file.c:name`, or of a policy `onnx:file.onnx`, `sb3:file.zip`,
-        `sb3:file.zip:vecnormalize.pkl` (relative to the current folder). SoterError U005 where no
-        system has such an extern, U001, X002, X003 for a wrong target.
+        callable, an object or class with `step` and perhaps `reset(seed)`, or a text:
+        `python:file.py:name`, `c:file.c:name`, or for a policy `onnx:file.onnx`, `sb3:file.zip`,
+        `sb3:file.zip:vecnormalize.pkl` (relative to the current folder). Raises SoterError U005 if
+        no system has this extern, U001, X002 or X003 for a wrong target.
         """
         from soter.native.extern_bindings import check_target, require_extern  # noqa: PLC0415 - as above
 
@@ -154,7 +154,7 @@ class Program:
         return self
 
     def unbind(self, name: str) -> Program:
-        """Undoes `bind(name, ...)`: the program's own `from` counts again; SoterError U005."""
+        """Undoes `bind(name, ...)`: the program's `from` applies again. Raises SoterError U005."""
         if name not in self._bound:
             known = "bound is " + (", ".join(f"`{n}`" for n in self._bound) or "nothing")
             raise mistake("U005", f"nothing was bound as `{name}`", known)
@@ -173,12 +173,12 @@ class Program:
         params: Mapping[str, object] | None = None,
         **options: Unpack[RunKeywords],
     ) -> Run:
-        """Run a system in virtual time, or with `real_time` against the clock (docs/real-time.md).
+        """Runs a system in virtual time, or against the clock with `real_time` (docs/real-time.md).
 
-        Times are seconds, or texts such as `"30s"`. `log` is written while the run goes on, a
-        `report` keeps the whole trace. Ctrl-C, with a log SIGTERM and SIGHUP, too, ends the run at
-        an instant and raises KeyboardInterrupt (others end the process), or gives back what was
-        reached (`partial`). `SoterError` U001 for options.
+        Times are seconds, or texts such as `"30s"`. `log` is written during the run; a `report`
+        keeps the whole trace. Ctrl-C, and with a log also SIGTERM and SIGHUP, ends the run at an
+        instant; then it raises KeyboardInterrupt or ends the process, or with `partial` returns the
+        part that was run. Raises SoterError U001 for wrong options.
         """
         from soter.api.running import simulate  # noqa: PLC0415 - see the docstring
         from soter.simulate.run_options import RunOptions  # noqa: PLC0415 - the same
@@ -186,16 +186,20 @@ class Program:
         how = make_record(RunOptions, {"until": until, "seed": seed, "engine": engine, **options})
         values = self._param_values(params)
         with whole_shares_to(how.progress):
-            prepared = self._prepared.prepared_system(self._checked, system, values, self._bound)
+            prepared = self._prepared_systems.prepared_system(
+                self._checked, system, values, self._bound
+            )
         if how.arm is not None:
-            prepared = self._prepared.system_of_arm(prepared, how.arm, how.campaign)
+            prepared = self._prepared_systems.system_of_arm(prepared, how.arm, how.campaign)
         log, writer = how.log, opened_run_log(how.log)
         require_writers(log if isinstance(log, (str, Path)) else None, how.report)
         report = None if how.report is None else Path(how.report).absolute()  # externs may move
         how = replace(how, trace=how.trace if report is None else True)
         until_ns = 0 if how.recorded is not None else run_end_ns(prepared.system, until)
         bound = dict(self._bound)
-        run = simulate(self._prepared, prepared, bound, how, until_ns=until_ns, writer=writer)
+        run = simulate(
+            self._prepared_systems, prepared, bound, how, until_ns=until_ns, writer=writer
+        )
         if writer is not None and writer is not log and writer.problem is not None:
             raise writer.problem
         if report is not None:
@@ -203,21 +207,21 @@ class Program:
         return run
 
     def campaign(self, system: str | None = None, params: Any = None, **how: Any) -> Campaign:  # noqa: ANN401
-        """Flies many seeds of a system: see `soter.api.campaigning.campaign`."""
+        """Flies many seeds of a system, as `soter.api.campaigning.campaign` describes."""
         require_utf8(how.get("output"))
-        bindings = self._bindings(self._completed(system, params, bound=self._bound)[0])
+        bindings = self._bindings(self._completed_system(system, params, bound=self._bound)[0])
         flown = load_module("soter.api.campaigning").campaign(bindings, self.path, **how)
         return cast("Campaign", flown)
 
     def write_log(self, run: Run, path: str | Path) -> Path:
-        """Writes the MCAP log of a traced run; `SoterError` D006, D007."""
+        """Writes the MCAP log of a traced run. Raises SoterError D006 or D007."""
         from soter.simulate.run_log import write_log  # noqa: PLC0415 - an extra
 
         require_utf8(path)
         return write_log(run, path, VERSION)
 
     def write_report(self, run: Run, path: str | Path, *, self_contained: bool = False) -> Path:
-        """Writes the HTML report of a traced run, its script beside it or in it; D006, D007."""
+        """Writes the HTML report of a traced run; its script is a second file, or included."""
         from soter.api.running import write_report  # noqa: PLC0415 - see the docstring
 
         require_utf8(path)
@@ -237,16 +241,19 @@ class Program:
     ) -> Package:
         """Writes the package of a target (`"c"`) into the folder `output`.
 
-        `cert`: a certificate of the system that this one deploys, checked again. `mapping`:
+        `cert`: a certificate of the system that this one deploys; it is checked again. `mapping`:
         for targets with a middleware (docs/mapping.md), a file or its content. `board`: for
-        `"cortex-m"`, the name of a board or its file (docs/bare-metal.md).
-        `progress` is called with the share that is done. `SoterError` D015 if the mapping, D019,
-        D020 if the certificate does not fit, X017 for an unknown board.
+        `"cortex-m"`, the name of a board or its file (docs/bare-metal.md). `progress` is called
+        with the finished share. Raises SoterError D015 for a wrong mapping, D019 or D020 for a
+        wrong certificate, X017 for an unknown board.
         """
         from soter.api.deploy.building import build  # noqa: PLC0415 - see the docstring
 
         require_utf8(output, cert, mapping, board)
-        fresh, completed = self.declared(system, params), partial(self._completed, system, params)
+        fresh, completed = (
+            self.declared(system, params),
+            partial(self._completed_system, system, params),
+        )
         with whole_shares_to(progress):
             how: dict[str, Any] = {"cert": cert, "mapping": mapping, "board": board}
             return build(target, Path(output), fresh, completed, self._bindings, **how)
@@ -262,10 +269,10 @@ class Program:
         params: Mapping[str, object] | None = None,
         estimates: bool = False,
     ) -> list[Judgement]:
-        """Judges whether some run of the verification plants fits a log, or a fresh run.
+        """Judges whether any run of the verification plants fits a log, or a new run.
 
-        `log`: of `soter run --log` of the same system. `estimates`: judge measurements in place of
-        the true states. `SoterError` U001 if a plant is not affine.
+        `log`: from `soter run --log` of the same system. `estimates`: judge measurements instead of
+        the true states. Raises SoterError U001 if a plant is not affine.
         """
         require_utf8(log)
         refuse_needless(
@@ -278,12 +285,12 @@ class Program:
         return cast("list[Judgement]", judged)
 
     def judge_log(self, log: Any, mapping: Any, **how: Any) -> LogJudgement:  # noqa: ANN401
-        """Judges a log of another system by a mapping: see `soter.api.monitoring.judge_log`."""
+        """Judges a log of another system by a mapping, as `soter.api.monitoring.judge_log` does."""
         judged = load_module("soter.api.monitoring").judge_log(self.flat, log, mapping, **how)
         return cast("LogJudgement", judged)
 
     def assure(self, output: str | Path, **how: Any) -> Assurance:  # noqa: ANN401
-        """Writes a safety case: see `soter.api.assurance.safety_case.assure`."""
+        """Writes a safety case, as `soter.api.assurance.safety_case.assure` does."""
         require_utf8(output, *how.values())
         case = load_module("soter.api.assurance.safety_case").assure(self, output, **how)
         return cast("Assurance", case)
@@ -299,7 +306,7 @@ class Program:
     ) -> Path:
         """Writes the model monitor of a module as a trusted Soter node, and returns the path.
 
-        `alarm`: a bool topic of the program to publish; by default a new one. SoterError D006.
+        `alarm`: the bool topic to publish, by default a new topic. Raises SoterError D006.
         """
         require_utf8(path)
         flat = self.declared(system, params)
@@ -321,16 +328,15 @@ class Program:
         progress: Progress | None = None,
         budget_s: float = 120.0,
     ) -> VerifyReport:
-        """Proves P1c, P2a, P2b, P3, `ttf`, `safer` and `failsafe` of every module, or of one.
+        """Proves P1c, P2a, P2b, P3, `ttf`, `safer` and `failsafe` of all modules, or of `module`.
 
-        `module`: full or declared name. `system`: the one with its plants; by default the first
-        that has the module, the default one first. `cert`: a folder for a certificate; `report`: an
-        HTML page. `synthesize`: first find the controllers that are `sc synthesized`, and verify
-        the program that was written. `refute`: look for a counterexample to what is not proved;
-        `explain`: measure why it is not proved, and try what may help (None: as `refute`).
-        `budget_s`: CPU seconds for the search of hints where the program bounds no states; the
-        report is then about the program with them (`VerifyReport.searches`). `SoterError` with
-        R... if the program does not determine a problem.
+        `module`: full or declared name. `system`: the system with the plants; by default the first
+        that has the module, beginning with the default system. `cert`: a folder for a certificate;
+        `report`: an HTML page. `synthesize`: first find the controllers that are `sc synthesized`,
+        then verify the program that was written. `refute`: look for counterexamples if a proof
+        fails; `explain`: measure why it fails and try remedies (None: as `refute`). `budget_s`: CPU
+        seconds for the search of hints if the program bounds no states; the report is then about
+        the program with these hints (`VerifyReport.searches`). Raises R... if it poses no problem.
         """
         from soter.verify.command import verify  # noqa: PLC0415 - needs NumPy and a compiler
 
@@ -371,8 +377,8 @@ class Program:
         """Finds every safe controller left open (`sc synthesized period d;`), writes the program.
 
         `output`: by default `<name>_sc.soter`; it must lie in the program's folder. Returns the
-        files written, the program first; () if no controller is open. `SoterError` U009 if none
-        was found.
+        written files, first the program; () if no controller is open. Raises SoterError U009 if no
+        controller was found.
         """
         from soter.verify.find_sc import synthesize  # noqa: PLC0415 - needs NumPy and a compiler
 
@@ -393,10 +399,10 @@ class Program:
         report: str | Path | None = None,
         progress: Progress | None = None,
     ) -> tuple[Advice, ...]:
-        """Finds what the period of every decision module and the number of its levels change.
+        """Finds the effect of the period and the number of levels of every decision module.
 
         `factors`: multiples of the declared period; `levels`: numbers of levels (m); `report`: an
-        HTML file with the figure. `SoterError` R... if a problem is not determined; D006, D007.
+        HTML file with the plot. Raises R... if a problem is not determined, D006 or D007.
         """
         from soter.verify.chosen_modules import modules_of, problems_of  # noqa: PLC0415 - the same
         from soter.verify.period_advice import sweep_all  # noqa: PLC0415 - needs NumPy and a compiler
@@ -418,7 +424,7 @@ class Program:
         params: Mapping[str, object] | None = None,
         progress: Progress | None = None,
     ) -> tuple[DelayAdvice, ...]:
-        """Finds how late commands of every module may act, in ns, each verified; SoterError R..."""
+        """Finds by proof how late commands of each module may act, in ns. Raises SoterError R..."""
         from soter.verify.chosen_modules import modules_of  # noqa: PLC0415 - the same
         from soter.verify.period_advice import largest_delay  # noqa: PLC0415 - needs a compiler
 
@@ -427,7 +433,7 @@ class Program:
             return tuple(largest_delay(flat, m) for flat, m in chosen)
 
     def rest_clauses(self, budget_s: float = 120.0, **what: Any) -> tuple[ProofSearch, ...]:  # noqa: ANN401
-        """Looks for a `rest` that proves: so many CPU s a module; `what`: see `largest_delays`."""
+        """Searches a `rest` clause that makes the proof succeed; `budget_s` is for each module."""
         from soter.verify.search.searched_program import searches_for_rest  # noqa: PLC0415 - needs a compiler
 
         what = {"module": None, "system": None, "params": None, **what}
@@ -439,12 +445,12 @@ class Program:
     def explore(
         self, test: str | Sequence[str] | None = None, **options: Unpack[SearchKeywords]
     ) -> ExploreReport:
-        """Explore every execution of every test, or of some (docs/testing.md).
+        """Explores every execution of all tests or of some (docs/testing.md).
 
-        A violation has a trace that the interpreter has replayed: the least one, where that is
-        found within `minimise` seconds. It is written to the folder `output` (None: not), with
-        `html` also as a page. Times are seconds; `skew` and `horizon` also text. Ctrl-C raises
-        `KeyboardInterrupt`, or gives what was covered (`partial`). `SoterError` U001 for options.
+        A violation has a trace, which the interpreter has replayed; it is the shortest if that is
+        found in `minimise` seconds. It is written to the folder `output` (if not None), and as a
+        page if `html`. Times are seconds; `skew` and `horizon` may be text. Ctrl-C raises
+        `KeyboardInterrupt`, or ends with a `partial` report. Raises SoterError U001 for options.
         """
         from soter.api.exploring import explore  # noqa: PLC0415 - needs NumPy and a compiler
 
@@ -461,32 +467,32 @@ class Program:
         return read_params(self._require_sound(), params)
 
     def flat(self, system: str | None = None, params: Mapping[str, object] | None = None) -> System:
-        """A new flat system as it runs: all numbers known, instances named, predicates computed."""
-        return self._completed(system, params)[0]
+        """A new flat system, ready to run: with all numbers, instance names and predicates."""
+        return self._completed_system(system, params)[0]
 
     def declared(self, system: str | None = None, params: Params = None) -> System:
         """A flat system as in `flat`, but without the computed predicates."""
         return system_of(self._checked, system, self._param_values(params))
 
     def diagram(self, system: str | None = None, params: Params = None) -> Diagram:
-        """The diagram of a system: nodes, topics, modules and plants; `svg`, `write(path)`."""
+        """The diagram of a system: its nodes, topics, modules and plants."""
         from soter.api.diagrams import diagram_of  # noqa: PLC0415 - only then
 
         return diagram_of(self.declared(system, params))
 
     @property
     def bound(self) -> Mapping[str, object]:
-        """By name of an extern: the target that `bind` was given."""
+        """Maps the name of an extern to the target that `bind` got for it."""
         return dict(self._bound)
 
-    def _completed(
+    def _completed_system(
         self,
         name: str | None,
         params: Params,
         known: Known | None = None,
         bound: Mapping[str, object] | None = None,
     ) -> tuple[System, list[str]]:
-        """A fresh flat system with all `ttf` and `safer`, and a note on each computed one."""
+        """A fresh flat system with all `ttf` and `safer`, and a note on each computed predicate."""
         system = self.declared(name, params)
         return system, compute_ttf(system, known, bound)
 

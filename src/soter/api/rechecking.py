@@ -19,7 +19,7 @@ from soter.api.computed_ttf import compute_ttf
 from soter.api.output_files import write_trace_page
 from soter.diagnostics.current_phase import whole_shares_to
 from soter.diagnostics.diagnostic import SoterError, mistake
-from soter.language.evaluate.arithmetic import require_plain
+from soter.language.evaluate.arithmetic import require_default_float_rules
 from soter.language.front_end import check_file, system_of_test
 from soter.report.templates import PageSection
 from soter.version import VERSION, pip_command
@@ -39,21 +39,21 @@ if TYPE_CHECKING:
 def recheck(
     folder: str | Path, progress: Progress | None = None, logs: Sequence[str | Path] = ()
 ) -> RecheckReport:
-    """Checks the certificate in a folder, independently of what wrote it.
+    """Checks the certificate in a folder, independently of the code that wrote it.
 
-    `logs`: logs of `soter run --log` of its program. The re-checker then computes every verdict
-    "AC" of a module with `rest` again, by its own tube; the report's `flights` says how many it
-    confirmed, and names the others; Ctrl-C ends this with a report in which the flight is
-    `interrupted`. It checks flights only if nothing in the certificate is false.
+    `logs`: logs of `soter run --log` of the same program. The re-checker then computes again, with
+    its tube, each verdict "AC" of a module with `rest`; in the report, `flights` counts the
+    confirmed verdicts and names the others. Ctrl-C ends this, and the report calls the flight
+    `interrupted`. Flights are checked only if nothing in the certificate is false.
 
     The report's `verdict` is `accepted`, `rejected` (something in it is false) or `not re-checked`
-    (it may be right, but the re-checker cannot check it); `reason` says why for the last two.
-    `SoterError` D009 if there is no certificate, D007 without python-flint, or for logs `mcap`,
-    X012 if the process's floats do not follow IEEE rules, D006 for a file that is no log, D023 for
-    a log of another program.
+    (it may be right, but the re-checker cannot check it); `reason` explains the last two. Raises
+    SoterError D009 if there is no certificate, D007 without python-flint, or for logs without
+    `mcap`, X012 if the process's floats do not follow IEEE rules, D006 for a file that is no log,
+    D023 for a log of another program.
     """
     require_flint()
-    require_plain()
+    require_default_float_rules()
     from soter.certificate.extras.flight_check import open_flights  # noqa: PLC0415 - an extra
     from soter.certificate.reading.folder import NotACertificateError  # noqa: PLC0415 - an extra
     from soter.certificate.rechecker import recheck as check  # noqa: PLC0415 - an extra
@@ -96,8 +96,8 @@ ROWS = (
 class ReplayReport:
     """The result of `soter.replay`.
 
-    `kind`: "trace" (of `soter test`, then `trace` has every step) or "counterexample" (of `soter
-    verify`, then `counterexample` is the run). `outcome`: one sentence.
+    `kind`: "trace" (from `soter test`; `trace` has every step) or "counterexample" (from `soter
+    verify`; `counterexample` is the run). `outcome` is a sentence.
     """
 
     path: str
@@ -110,7 +110,7 @@ class ReplayReport:
     counterexample: CounterexampleRun | None = None
 
     def view(self) -> SequenceView:
-        """The trace as records for logs and tables; SoterError U001 for a counterexample."""
+        """The trace as records for logs and tables. Raises U001 for a counterexample."""
         from soter.explore.trace_view import make_sequence_view  # noqa: PLC0415 - see `soter.api`
 
         if self.trace is None:
@@ -122,7 +122,7 @@ class ReplayReport:
         return make_sequence_view(self.trace, VERSION, {"trace": self.path}, self.program)
 
     def write_html(self, path: str | Path) -> Path:
-        """Writes the run as a page; SoterError D006, D007, U001 if it was not reproduced."""
+        """Writes the run as a page. Raises D006 or D007, or U001 if the run was not reproduced."""
         if self.counterexample is None:
             view = self.view()
             assert self.trace is not None
@@ -132,7 +132,7 @@ class ReplayReport:
         return write_html(_counterexample_page(self, self.counterexample), path)
 
     def write_mcap(self, path: str | Path) -> Path:
-        """Writes the MCAP log of a trace; `SoterError` D006, D007, U001."""
+        """Writes the MCAP log of a trace. Raises SoterError D006, D007 or U001."""
         from soter.report.trace_log import write_log  # noqa: PLC0415 - an extra
 
         return write_log(self.view(), path)
@@ -168,7 +168,7 @@ def _counterexample_page(report: ReplayReport, run: CounterexampleRun) -> Report
 def counterexample_table(
     run: CounterexampleRun,
 ) -> tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """A sentence on what a run's last instants share, and head and rows of a table for the rest."""
+    """The values shared by a run's last instants as a sentence, and a table of all other values."""
     rows = _instant_rows(run)
     columns = {
         n: tuple(r.get(n, "") for r in rows) for n in dict.fromkeys(n for r in rows for n in r)
@@ -180,7 +180,7 @@ def counterexample_table(
 
 
 def _instant_rows(run: CounterexampleRun) -> list[dict[str, str]]:
-    """For each instant: by name, the values that it shows, as text."""
+    """The values at each instant, as texts by name."""
     from soter.explore.trace_view import value_text  # noqa: PLC0415 - see `soter.api`
 
     rows: list[dict[str, str]] = []
@@ -194,7 +194,7 @@ def _instant_rows(run: CounterexampleRun) -> list[dict[str, str]]:
 
 
 def _named_values(name: str, value: object) -> Iterator[tuple[str, object]]:
-    """Yields (name, value) for every part of a JSON value that is not an object."""
+    """Yields the name and value of each part of a JSON value that is not an object."""
     if not isinstance(value, dict):
         yield name, value
         return
@@ -203,9 +203,9 @@ def _named_values(name: str, value: object) -> Iterator[tuple[str, object]]:
 
 
 def replay(path: str | Path) -> ReplayReport:
-    """Runs a trace of `soter test`, or a counterexample of `soter verify`, in the interpreter.
+    """Runs a trace of `soter test` or a counterexample of `soter verify` in the interpreter.
 
-    `SoterError` D010 if the file is neither, D011 if its program has changed, or with the errors of
+    Raises SoterError D010 if the file is neither, D011 if its program has changed, or the errors of
     the program.
     """
     from soter.explore.trace import read_document, trace_from_document  # noqa: PLC0415 - see `soter.api`

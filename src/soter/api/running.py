@@ -22,7 +22,7 @@ from soter.api.computed_ttf import compute_ttf
 from soter.core.layout import state_layout
 from soter.diagnostics.current_phase import phase
 from soter.language.front_end import CheckResult, system_of
-from soter.native.extern_bindings import Bindings, bind, bind_derived, bind_objects
+from soter.native.extern_bindings import Bindings, bind, bindings_of_derived, bindings_with_objects
 from soter.report.wording import changed_parameters
 from soter.semantics.externs import Stop
 from soter.simulate.externs.c_extern import linked_c_hash
@@ -60,12 +60,12 @@ T = TypeVar("T")
 
 
 class RecentlyUsed(OrderedDict[tuple[object, ...], T]):
-    """The results for the last `KEPT_MAX` keys that were asked for."""
+    """A cache with the results for the last `KEPT_MAX` requested keys."""
 
     def get_or_make(
         self, key: tuple[object, ...], make: Callable[[], T], *, again: bool = False
     ) -> T:
-        """The result kept for `key`; `make` makes it if there is none, or if `again`."""
+        """The result kept for `key`, or a new one from `make` if none is kept or if `again`."""
         if again or key not in self:
             self[key] = make()
         self.move_to_end(key)
@@ -78,7 +78,7 @@ class RecentlyUsed(OrderedDict[tuple[object, ...], T]):
 class PreparedSystem:
     """A system that was lowered to Core, and compiled if the native engine ran it.
 
-    `bindings`: those of the run that prepared it; bindings by text are the same in every run.
+    `bindings` are from the run that prepared it; bindings by text are the same in every run.
     """
 
     system: System
@@ -108,11 +108,11 @@ class PreparedSystems:
         values: Mapping[str, Value],
         targets: Mapping[str, object],
     ) -> PreparedSystem:
-        """The system `name` with these parameters and bindings, kept or prepared now.
+        """The system `name` with these parameters and bindings; prepares it if it is not kept.
 
         Only bindings by text distinguish systems: Python objects may be exchanged. Parameters are
-        compared as they are written: 0.0 is not -0.0, nor 1 true. `SoterError` as for `system_of`
-        and `bind`; after an error nothing is kept.
+        compared by their text: 0.0 is not -0.0, and 1 is not true. Raises as `system_of` and `bind`
+        do; after an error nothing is kept.
         """
         default = checked.default_system() if name is None else None
         texts = [(n, t if isinstance(t, str) else None) for n, t in targets.items()]
@@ -130,12 +130,12 @@ class PreparedSystems:
     def system_of_arm(
         self, prepared: PreparedSystem, name: str, folder: str | Path | None
     ) -> PreparedSystem:
-        """The system by the rules of a campaign's arm, not kept; SoterError U001, D006."""
+        """The system under the rules of a campaign's arm; not cached. Raises U001 or D006."""
         system = prepared.system
         named = load_module("soter.campaign.arms").system_of_arm(system, name, Path(folder or "."))
         if named is system:
             return prepared
-        bindings = bind_derived(prepared.bindings, named)
+        bindings = bindings_of_derived(prepared.bindings, named)
         return PreparedSystem(named, prepared.computed, bindings, arm=name)
 
     def native_program(self, prepared: PreparedSystem) -> NativeProgram:
@@ -158,8 +158,8 @@ def simulate(
     until_ns: int,
     writer: RunLog | None,
 ) -> Run:
-    """Runs a system as `Program.simulate` says; KeyboardInterrupt unless `partial`."""
-    stop, bindings = current_stop_request(), bind_objects(prepared.bindings, targets)
+    """Runs a system as `Program.simulate` describes; raises KeyboardInterrupt unless `partial`."""
+    stop, bindings = current_stop_request(), bindings_with_objects(prepared.bindings, targets)
     paced = ""
     if options.real_time:
         from soter.simulate.real_time import why_not_real_time  # noqa: PLC0415 - only then
@@ -208,12 +208,12 @@ def simulate(
 
 
 def _engine_setup(bindings: Bindings, options: RunOptions) -> tuple[int, str, Callable[..., Run]]:
-    """Seed, name and function of the engine that flies a recording or in real time."""
+    """The seed, name and run function of the engine for a recording or for real time."""
     from soter.simulate.flight_recording import FlightRecording  # noqa: PLC0415 - only here
     from soter.simulate.real_time import run_real_time, run_recorded  # noqa: PLC0415 - only here
 
     def fly_in_real_time(until_ns: int, seed: int, _bound: object, **how: Any) -> Run:  # noqa: ANN401
-        """The engine for real time, which needs no pacer and shows its own progress."""
+        """Runs in real time, which needs no pacer and shows its progress itself."""
         wanted = {k: how[k] for k in ("keep_trace", "hash_trace", "stop", "also")}
         return run_real_time(bindings, until_ns, seed, quiet=not options.apart, **wanted)
 
@@ -223,7 +223,7 @@ def _engine_setup(bindings: Bindings, options: RunOptions) -> tuple[int, str, Ca
     recording = FlightRecording(Path(options.recorded), bindings.system)
 
     def recorded(_until_ns: int, _seed: int, _bound: object, **how: Any) -> Run:  # noqa: ANN401
-        """The engine for a recorded flight."""
+        """Replays the recorded flight."""
         return run_recorded(recording, **{k: how[k] for k in ("keep_trace", "hash_trace", "also")})
 
     return recording.seed, "recorded", recorded
@@ -251,14 +251,14 @@ def _end_log(writer: RunLog | None, run: Run, stop: StopRequest) -> None:
 def _engine_function(
     engine: str, preparations: PreparedSystems, prepared: PreparedSystem
 ) -> Callable[..., Run]:
-    """The function that runs the system; lowering and compiling are done here, before the run."""
+    """The function that runs the system; lowers and compiles it first, before the run starts."""
     if engine == "interp":
         return partial_(run_interpreted, prepared.system)
     return partial_(preparations.native_program(prepared).run, observed=True)
 
 
 def _inline_page(run: Run) -> str:
-    """The report of a run as one HTML text; "" without a full trace or the extra `report`."""
+    """The report of a run as HTML text; "" without a full trace or the extra `report`."""
     from soter.simulate.run_report import inline_report  # noqa: PLC0415 - an extra
 
     if run.trace is None or run.recorded is not None:
@@ -282,7 +282,7 @@ def _report_facts(run: Run, program: str) -> dict[str, str]:
 
 
 def write_report(run: Run, path: str | Path, program: str, *, self_contained: bool = False) -> Path:
-    """Writes the HTML report of a traced run; `SoterError` D006, D007."""
+    """Writes the HTML report of a traced run. Raises SoterError D006 or D007."""
     from soter.simulate.run_report import write_report as write  # noqa: PLC0415 - an extra
 
     name = Path(program).name

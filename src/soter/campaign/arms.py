@@ -38,7 +38,7 @@ GROUPS = {"modules": MODULE_ROLES, "all": (*MODULE_ROLES, "node")}
 
 @dataclass(frozen=True)
 class Arm:
-    """A system that is flown; `text`: what is different about it, for people."""
+    """A variant of a system that is flown; `text` describes the difference for people."""
 
     name: str
     system: System
@@ -46,7 +46,7 @@ class Arm:
 
 
 def find_arms(system: System, names: Sequence[str], lateness: Sequence[int]) -> list[Arm]:
-    """The arms of these names, `ours` first; SoterError U001 for an unknown name.
+    """The arms of these names, `ours` first. Raises SoterError U001 for an unknown name.
 
     `lateness`: quantiles of a measured release lateness in ns, for the paper's rules.
     """
@@ -70,9 +70,9 @@ def find_arms(system: System, names: Sequence[str], lateness: Sequence[int]) -> 
 
 
 def system_of_arm(system: System, name: str, folder: Path) -> System:
-    """The system by the rules of an arm, as the campaign flew it; unchanged for `ours`.
+    """The system under the rules of an arm, as the campaign flew it; unchanged for `ours`.
 
-    SoterError U001 for an unknown name, D006 if `folder` has not the lateness that it needs.
+    Raises U001 for an unknown name, D006 if `folder` lacks a lateness that the arm needs.
     """
     if name == OURS:
         return system
@@ -93,7 +93,7 @@ def _with_ac_alone(system: System) -> System:
 
 
 def _sweep_arms(system: System, group: str, burst_ns: int) -> list[Arm]:
-    held = [_hold_fault(c, group, burst_ns) for c in _held_components(system, group)]
+    held = [_late_burst_fault(c, group, burst_ns) for c in _components_of_group(system, group)]
     ms = burst_ns // 1_000_000
     often = f"{BURSTS_PER_HOUR:g} times an hour {group} held up for at most {show_ns(burst_ns)}"
     return [
@@ -106,12 +106,12 @@ def _sweep_arms(system: System, group: str, burst_ns: int) -> list[Arm]:
     ]
 
 
-def _held_components(system: System, group: str) -> list[Component]:
+def _components_of_group(system: System, group: str) -> list[Component]:
     return [c for c in system.components if c.role in GROUPS[group]]
 
 
-def _hold_fault(c: Component, group: str, burst_ns: int) -> Fault:
-    """The fault that holds a component up in `share` of all slots, each a burst long.
+def _late_burst_fault(c: Component, group: str, burst_ns: int) -> Fault:
+    """The fault that delays a component in a `share` of all slots; a slot lasts as long as a burst.
 
     Each slot is drawn with probability p, and is a burst only if the slot before it was not drawn
     (`apart`), so that the share is p (1 - p).
@@ -119,7 +119,7 @@ def _hold_fault(c: Component, group: str, burst_ns: int) -> Fault:
     share = BURSTS_PER_HOUR / 3600.0 * (burst_ns / 1e9)
     p = (1.0 - sqrt(1.0 - 4.0 * share)) / 2.0
     text = f"late {group} by {show_ns(burst_ns)} at {BURSTS_PER_HOUR:g} per 1h".replace(" ms", "ms")
-    return _component_fault(
+    return _with_mark_for_ac(
         c,
         Fault(
             "late", c.index, f"arm.late.{group}", p, burst_ns, (burst_ns,), apart=True, text=text
@@ -128,17 +128,17 @@ def _hold_fault(c: Component, group: str, burst_ns: int) -> Fault:
 
 
 def _lateness_faults(system: System, lateness: Sequence[int]) -> list[Fault]:
-    """A fault for each component: each of its releases is late by one of the measured times."""
+    """A fault for each component, which delays every release by one of the measured times."""
     times = tuple(lateness)
     return [
-        _component_fault(
+        _with_mark_for_ac(
             c, Fault("late", c.index, f"arm.late.{c.name}", 1.0, 0, times, text="measured lateness")
         )
-        for c in _held_components(system, "all")
+        for c in _components_of_group(system, "all")
     ]
 
 
-def _component_fault(c: Component, fault: Fault) -> Fault:
+def _with_mark_for_ac(c: Component, fault: Fault) -> Fault:
     """The fault, marked as inside the assumptions of proofs if the component is an AC."""
     if c.role == "ac":
         return replace(fault, inside="AC may do anything")

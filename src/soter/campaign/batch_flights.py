@@ -23,7 +23,7 @@ from soter.campaign.recipe import make_recipe
 from soter.campaign.store import FlightOutcome, MetricSample
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.evaluate.arithmetic import require_plain
+from soter.language.evaluate.arithmetic import require_default_float_rules
 from soter.language.load.named_files import POLICIES
 from soter.native.c_interface import address, declarations, interface, open_library
 from soter.native.cache import cached_folder, digest
@@ -125,7 +125,7 @@ class Flyer:
                     self.ffi.string(h).decode("ascii") for h in (flight.digest, flight.trajectory)
                 ]
                 flown = self._read_flight(left[k], flight.seed, events, records[k][0], digests)
-                batch.append(replace(flown, **output.saves_and_looks(k)))
+                batch.append(replace(flown, **output.saves_and_measures(k)))
             if done < len(left):
                 room *= 4
                 self._of_thread.room = room
@@ -136,7 +136,7 @@ class Flyer:
         call = (self._program, output.flights, len(numbers), output.order)
         if not self.recipe.keeps:
             flown = int(self.lib.soter_batch(*call, self.ffi.new("size_t *")))
-            require_plain()
+            require_default_float_rules()
             return flown
         done = shared_zeros((1,), np.int64)
         status = self.lib.soter_batch_apart(*call, self.ffi.cast("int64_t *", done.ctypes.data))
@@ -200,9 +200,9 @@ class Fleet(Flyer):
         core: CoreSystem | None = None,
         horizon_ns: int = 0,
     ) -> None:
-        """Compiles the system; SoterError U003 if it has an extern that only Python answers.
+        """Compiles the system. Raises U003 if only Python answers one of its externs.
 
-        `horizon_ns`: how far AC is flown on after it lost control, to count saves; 0: not at all.
+        `horizon_ns`: how long AC flies on after it lost control, to count saves; 0: not at all.
         """
         core = core or lower(system)
         _require_externs_in_c(system, core)
@@ -221,9 +221,9 @@ class Fleet(Flyer):
         super().__init__(recipe)
 
     def code_fields(self) -> dict[str, Any]:
-        """The fields of `CampaignIdentity` on the C that flies; SoterError X003, X004.
+        """The fields of `CampaignIdentity` about the C that flies. Raises SoterError X003 or X004.
 
-        With an extern's C also the compiler: nobody has shown that all give the same bits.
+        With an extern's C they include the compiler, as compilers may give different bits.
         """
         unit, compiler = self.recipe.unit, find_compiler()
         ours = c_texts(*(RUNTIME / n for n in (*KERNEL, FAULTS)), *COMPILED_WITH)
@@ -240,7 +240,7 @@ class Fleet(Flyer):
 
 
 def _process_library() -> Path:
-    """The library of `soter_apart.c`, which loads those of flights; SoterError X003, X004."""
+    """Compiles the library of `soter_apart.c`, which loads flight libraries. Raises X003, X004."""
     compiler, flags = find_compiler(), (*library_flags(), *include_flags(APART))
 
     def compile_in(work: Path) -> None:
@@ -259,7 +259,7 @@ def shared_zeros(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[An
 
 
 def _process_error(number: int, seed: int, status: int, *, changed: bool) -> SoterError:
-    """The error of a flight whose process an extern's C ended or changed; `status`: of waitpid."""
+    """The error of a flight whose process was ended or changed by an extern's C."""
     code = os.waitstatus_to_exitcode(status) if status >= 0 else 0
     how = (
         f"it was ended by {signal.Signals(-code).name}"
@@ -310,7 +310,7 @@ class _BatchOutput:
         for name, kind, array in places:
             setattr(self.order, name, ffi.cast(kind, array.ctypes.data))
 
-    def saves_and_looks(self, k: int) -> dict[str, Any]:
+    def saves_and_measures(self, k: int) -> dict[str, Any]:
         """The fields of flight number k of the call: its looks, and its saves if counted."""
         fields: dict[str, Any] = {"looks": tuple(self._metric_samples(k))}
         if self.fleet.horizon_ns:
@@ -335,7 +335,7 @@ IN_C = (
 
 
 def _help_for_extern_nodes(outside: Sequence[Component], program: str) -> tuple[str, ...]:
-    """The help lines on what can fly in place of a node that Python or a policy answers."""
+    """The help lines on replacements for a node that Python or a policy answers."""
     kind, _, file = (outside[0].binding or "" if outside else "").partition(":")
     written: tuple[str, ...] = ()
     if kind in POLICIES and Path(file.partition(":")[0]).is_file():
@@ -375,7 +375,7 @@ def _require_externs_in_c(system: System, core: CoreSystem) -> None:
 
 
 def _events_of_module(events: npt.NDArray[Any], module: int) -> npt.NDArray[Any]:
-    """The mode changes of one module among events, (n,)."""
+    """The mode changes of one module among the events (n,)."""
     module_events: npt.NDArray[Any] = events[
         (events["kind"] <= TO_AC) & (events["index"] == module)
     ]
@@ -385,7 +385,7 @@ def _events_of_module(events: npt.NDArray[Any], module: int) -> npt.NDArray[Any]
 def _ac_spans(
     events: npt.NDArray[Any], module: int, since: int | None, until_ns: int
 ) -> list[tuple[int, int]]:
-    """Spans (from, to) in ns in AC, from events (n,); `since`: the start of AC so far, or None."""
+    """The spans (from, to) in ns in AC, from events (n,); `since`: when AC began before them."""
     spans: list[tuple[int, int]] = []
     for time, kind in _events_of_module(events, module)[["time", "kind"]].tolist():
         if kind == TO_AC:
@@ -418,7 +418,7 @@ def _total_s(spans: Iterable[tuple[int, int]]) -> float:
 
 
 def _episode_count(events: npt.NDArray[Any], module: int) -> int:
-    """The number of episodes in events (n,): disengagements close together count as one."""
+    """The number of episodes in events (n,); close disengagements count as one episode."""
     module_events = _events_of_module(events, module)
     times = module_events[module_events["kind"] == TO_SC]["time"]
     if not len(times):

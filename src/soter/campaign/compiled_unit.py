@@ -36,9 +36,9 @@ NODES = ("node ", "module ")
 def generate_measured(
     system: System, core: CoreSystem | None = None, *, remembers: bool = True
 ) -> Unit:
-    """The unit of a system, with its measures.
+    """The compiled unit of a system, with its measures.
 
-    `remembers`: calls whose arguments have not changed are not computed again.
+    `remembers`: a call with unchanged arguments is not computed again.
     """
     return MeasuredUnitBuilder(system, core or lower(system), remembers=remembers).build_unit()
 
@@ -101,7 +101,7 @@ class MeasuredUnitBuilder(UnitBuilder):
 
     @staticmethod
     def added_names(system: System) -> tuple[str, ...]:
-        """The C names of the tables and of each measure's function."""
+        """The C names of the tables and of the functions of all measures."""
         return ("measured", "measures", *(f"measure_{k}" for k in range(len(system.measures))))
 
     def added_definitions(self) -> list[c.CTop]:
@@ -140,7 +140,7 @@ def _measure_row(measure: Metric, name: str) -> c.CExpr:
 
 
 def _expensive_functions(core: CoreSystem) -> frozenset[str]:
-    """The functions that predicates of DMs call and that take long for the size of their arguments.
+    """The functions called by DM predicates that take long for the size of their arguments.
 
     A DM calls them in every period, often with the same arguments, such as a plan.
     """
@@ -159,9 +159,9 @@ def _expensive_functions(core: CoreSystem) -> frozenset[str]:
 
 
 def _remembering_function(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
-    """The C of `made` that keeps its last arguments and result for each thread, and calls `anew`.
+    """The C of `made` that reuses the last result if the arguments are equal, else calls `anew`.
 
-    Arguments are compared as bytes: structs have no holes. Large ones go by address (decision 109).
+    Each thread keeps its result. Arguments are compared as bytes, as structs have no holes.
     """
     kept, last = f"{made.name}_kept", c.Name("last")
     remembered = [

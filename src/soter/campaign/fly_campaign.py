@@ -23,9 +23,9 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Protocol
 
 from soter.campaign.batch_flights import BATCH, Flyer
-from soter.campaign.recipe import unpack_recipe
+from soter.campaign.recipe import unpacked_recipe
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.evaluate.arithmetic import require_plain
+from soter.language.evaluate.arithmetic import require_default_float_rules
 from soter.native.cache import digest, files_below
 from soter.native.shared_library import NEVER_SHIPPED, RUNTIME
 from soter.version import pip_command
@@ -49,10 +49,10 @@ class PendingBatch(Protocol):
     """A batch of flights that a worker was asked to fly."""
 
     def result(self) -> list[FlightOutcome]:
-        """Waits for the flights, and gives them; raises the worker's error."""
+        """Waits for the flights and returns them; raises the worker's error."""
 
     def cancel(self) -> object:
-        """Cancels the batch, whose flights nobody wants any more."""
+        """Cancels the batch, as nobody needs its flights any more."""
 
 
 def fly(
@@ -62,7 +62,7 @@ def fly(
     workers: int | RayCluster,
     progress: Callable[[float], None],
 ) -> None:
-    """Flies those of `count` flights that the store does not have, and stores each batch."""
+    """Flies the flights below number `count` that the store lacks, and stores each batch."""
     todo = range(len(store.flights), count)
     for flights in fly_batches(fleet, todo, store.about.first_seed, workers):
         store.add_flights(flights)
@@ -72,7 +72,7 @@ def fly(
 def fly_batches(
     fleet: Fleet, numbers: Sequence[int], first_seed: int, workers: int | RayCluster
 ) -> Iterator[list[FlightOutcome]]:
-    """Yields the flights of these numbers, a batch at a time, in that order."""
+    """Yields the flights of these numbers in order, a batch at a time."""
     batches = deque(numbers[k : k + fleet.at_once] for k in range(0, len(numbers), fleet.at_once))
     waiting: deque[PendingBatch] = deque()
     cores = workers if isinstance(workers, int) else workers.cores
@@ -104,7 +104,7 @@ QUIET = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_IGNORE_UNHANDLED_ERRORS": "1"}
 
 @dataclass(frozen=True)
 class WorkerReply:
-    """A worker's reply: the flights of a batch, or why there are none."""
+    """The reply of a worker: the flights of a batch, or why it has none."""
 
     flights: list[FlightOutcome]
     wrong: tuple[Diagnostic, ...] = ()
@@ -120,9 +120,9 @@ def require_ray() -> None:
 
 @contextmanager
 def join_cluster() -> Iterator[RayCluster]:
-    """Makes a `with` block that has the cluster of $RAY_ADDRESS, or else one on this machine.
+    """Opens a `with` block with the cluster of $RAY_ADDRESS, or else a cluster on this machine.
 
-    A cluster that this call joined or started is left at the end of the block. SoterError D007
+    It leaves a cluster that this call joined or started at the end of the block. Raises D007
     without Ray, D018 if it cannot be joined.
     """
     require_ray()
@@ -146,7 +146,7 @@ def join_cluster() -> Iterator[RayCluster]:
 
 @dataclass(frozen=True)
 class RayCluster:
-    """A cluster that was joined; `ray`: the Python module."""
+    """A cluster that this process joined; `ray` is the Python module."""
 
     ray: Any
     cores: int
@@ -165,14 +165,14 @@ class RayCluster:
 
 
 class _Batch:
-    """A batch that the cluster was asked for."""
+    """A batch of flights that the cluster was asked to fly."""
 
     def __init__(self, ray: Any, ask: Any, numbers: Sequence[int]) -> None:  # noqa: ANN401 - Ray's
         self.ray, self.ask, self.numbers = ray, ask, numbers
         self.asked = ask()
 
     def result(self) -> list[FlightOutcome]:
-        """Waits for the flights; SoterError D018 if workers die repeatedly, or a worker's error."""
+        """Waits for the flights. Raises D018 if workers die repeatedly, or a worker's error."""
         wrong = self.ray.exceptions
         last = ""
         for _ in range(TRIES):
@@ -203,13 +203,13 @@ _flyers: dict[str, Flyer] = {}
 
 
 def fly_batch(key: str, packed: bytes, soter: str, numbers: list[int], first: int) -> WorkerReply:
-    """Flies a batch in a process of the cluster; `soter`: the `soter_digest` of the sender."""
+    """Flies a batch in a process of the cluster; `soter` is the sender's `soter_digest`."""
     try:
-        require_plain()
+        require_default_float_rules()
         if soter != soter_digest():
             raise _trouble("a worker has another Soter", "its flights might be others", ONE_SOTER)
         if key not in _flyers:
-            _flyers[key] = Flyer(unpack_recipe(pickle.loads(packed)))  # noqa: S301 - of the same user
+            _flyers[key] = Flyer(unpacked_recipe(pickle.loads(packed)))  # noqa: S301 - of the same user
         return WorkerReply(_flyers[key].fly(numbers, first))
     except SoterError as error:
         return WorkerReply([], error.diagnostics)
@@ -217,7 +217,7 @@ def fly_batch(key: str, packed: bytes, soter: str, numbers: list[int], first: in
 
 @cache
 def soter_digest() -> str:
-    """The digest of all files of Soter that a flight depends on besides its recipe."""
+    """The digest of Soter's files that flights depend on besides the recipe."""
     folders = (RUNTIME, NEVER_SHIPPED, BATCH.parents[1])
     files = [p for folder in folders for p in files_below(folder, "*.py", "*.c", "*.h")]
     return digest([x for p in files for x in (p.name, p.read_text(encoding="utf-8"))])

@@ -32,7 +32,7 @@ SIDE, ROW = 22, 46
 
 @dataclass(frozen=True)
 class Histogram:
-    """The histogram of a measure: `edges` (n + 1,); `bins` (n + 2,) with those below and above."""
+    """A histogram of a measure: `edges` (n + 1,) and `bins` (n + 2,), with two outer bins."""
 
     name: str
     caption: str
@@ -60,7 +60,7 @@ class Bars:
 
 @dataclass(frozen=True)
 class CampaignPage:
-    """The content of the page; `verdict`, "good" or "bad", colours the headline."""
+    """The content of a campaign's page; `verdict` ("good" or "bad") colours the headline."""
 
     title: str
     headline: str
@@ -77,7 +77,7 @@ def page_body(page: CampaignPage) -> str:
 
 
 def _bar_chart(chart: Bars) -> Iterator[str]:
-    """Yields the SVG of bars, each with its name above it, as names may be long."""
+    """Yields the SVG of bars; names stand above the bars, as they may be long."""
     height = ROW * len(chart.rows) + BOTTOM
     depth = WIDTH - 2 * SIDE
     yield f'<svg class="chart {chart.kind}" viewBox="0 0 {WIDTH} {height}" role="img">'
@@ -157,13 +157,13 @@ RESTS_ON = (
 
 
 def write_page(campaign: Campaign, program: str, path: Path) -> Path:
-    """Writes the page, and returns its path; SoterError D006 if it cannot be written."""
+    """Writes the page and returns its path. Raises SoterError D006 if it cannot be written."""
     made = make_page(campaign, program)
     return write_document(made.title, page_body(made), path)
 
 
 def make_page(campaign: Campaign, program: str) -> CampaignPage:
-    """The content of the page."""
+    """The content of a campaign's page."""
     r = campaign.result
     way = "" if r.km is None else f", {r.km:,.0f} km"
     aloft = "" if r.hours_aloft is None else " aloft"
@@ -211,7 +211,7 @@ def _page_sections(campaign: Campaign, program: str) -> Iterator[PageSection]:
 
 
 def _commands_again(campaign: Campaign, program: str) -> Iterator[str]:
-    """Yields the commands that fly the campaign again, with every option that was given."""
+    """Yields the commands that fly the campaign again, with all options that were set."""
     flown = ["--system", campaign.system, "--until", f"{campaign.until_s:.15g}s"]
     flown += ["--seed", f"{campaign.first_seed}"]
     for name, value in campaign.params.items():
@@ -226,7 +226,7 @@ def _commands_again(campaign: Campaign, program: str) -> Iterator[str]:
 
 
 def _charts(campaign: Campaign) -> Iterator[Bars | Histogram]:
-    """Yields the drawings: who was in control, how often that changed, the arms side by side."""
+    """Yields the charts: who had control, how often that changed, and the arms in comparison."""
     r, flights = campaign.result, campaign.flights
     several = len(r.modules) > 1
     rows = [(m.name, m.ac_share, f"{m.ac_share:.2%}") for m in r.modules]
@@ -254,7 +254,7 @@ def _charts(campaign: Campaign) -> Iterator[Bars | Histogram]:
 
 
 def _count_bars(name: str, counts: Sequence[int]) -> Histogram:
-    """The histogram of how many flights had each count; a bar has several counts if too many."""
+    """The histogram of a count over all flights; a bar covers several counts if needed."""
     wide = max(counts) // COUNTS_MAX + 1
     bins = [0] * (max(counts) // wide + 1)
     for count in counts:

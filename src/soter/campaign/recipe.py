@@ -1,7 +1,7 @@
 """The recipe of a system: all that a machine which has not its files needs to fly it.
 
 Purpose: `make_recipe` packs the C of a system (`compiled_unit.py`), its names and the C of its
-externs as plain data; `unpack_recipe` puts that C into the cache of the machine that got it.
+externs as plain data; `unpacked_recipe` puts that C into the cache of the machine that got it.
 Non-goals: sending (`fly_campaign.py`); flying (`batch_flights.py`).
 """
 
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Recipe:
-    """A system that is flown, as plain data that can be sent to another machine.
+    """A system to fly, as plain data that can be sent to another machine.
 
     `properties`, `components`: index and name; `forced`: whether each module is in AC from the
-    start; `bins`: how many each measure has, with those below and above; `keeps`: why the C of
-    externs may keep something from call to call, or ""; `files`: path and text of that C and of
-    what it includes, on the machine that made the recipe.
+    start; `bins`: the number of bins of each measure, with the two outer ones; `keeps`: why the C
+    of externs may keep state between calls, or ""; `files`: path and text of this C and of the
+    files that it includes, on the machine that made the recipe.
     """
 
     unit: Unit
@@ -55,7 +55,7 @@ class Recipe:
 def make_recipe(
     system: System, core: CoreSystem, until_ns: int, *, horizon_ns: int = 0, optimise: str = "-O3"
 ) -> Recipe:
-    """The recipe of a system; SoterError X003 if the C of an extern cannot be read."""
+    """The recipe of a system. Raises SoterError X003 if the C of an extern cannot be read."""
     unit = generate_measured(system, core)
     keeps = why_it_keeps_state(unit)
     if keeps:
@@ -89,8 +89,8 @@ def _require_stateless_c(system: System, core: CoreSystem) -> None:
             raise SoterError((Diagnostic("U003", message, notes=(note,), helps=helps),))
 
 
-def unpack_recipe(recipe: Recipe) -> Recipe:
-    """The recipe on the machine that got it, with the C of its externs in the cache there."""
+def unpacked_recipe(recipe: Recipe) -> Recipe:
+    """The recipe on the receiving machine, with the C of its externs in the cache there."""
     if not recipe.files:
         return recipe
     root = os.path.commonpath([str(Path(p).parent) for p, _ in recipe.files])

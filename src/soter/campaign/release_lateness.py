@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.load.named_files import read_bytes
 from soter.native.compiler import python_command
-from soter.report.atomic_write import own_path
+from soter.report.atomic_write import path_without_links
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,7 +39,7 @@ CLOCK_MONOTONIC, TIMER_ABSTIME = 1, 1
 
 @dataclass(frozen=True)
 class Lateness:
-    """A measurement of how late releases are: quantiles in ns, from the least to the greatest."""
+    """A measurement of the lateness of releases: quantiles in ns, from least to greatest."""
 
     quantiles_ns: tuple[int, ...]
     releases: int
@@ -60,7 +60,7 @@ class Lateness:
 
 
 def measure_lateness(seconds: float = 20.0, period_ns: int = PERIOD_NS) -> Lateness:
-    """Measures lateness for `seconds`; OSError, or SoterError D006 if a busy process has ended."""
+    """Measures lateness for `seconds`. Raises OSError, or D006 if a busy process has ended."""
     cores = os.cpu_count() or 1
     busy: list[subprocess.Popen[bytes]] = []
     try:
@@ -88,7 +88,7 @@ def _start_busy_process() -> subprocess.Popen[bytes]:
 
 
 def _require_busy(busy: list[subprocess.Popen[bytes]], alive: list[bytes]) -> None:
-    """Raises SoterError D006 if one of the processes that keep the machine busy has ended."""
+    """Raises SoterError D006 if a process that keeps the machine busy has ended."""
     ended = alive.count(b"")
     if ended:
         message = "how late releases are beside busy processes cannot be measured"
@@ -101,7 +101,7 @@ class _Timespec(ctypes.Structure):
 
 
 def _measure_releases(seconds: float, period_ns: int) -> list[int]:
-    """Sleeps until each release; returns how late each one was, in ns."""
+    """Sleeps until each release, and returns the lateness of each in ns."""
     libc = ctypes.CDLL(None, use_errno=True)
     late, at = [], time.monotonic_ns()
     for _ in range(max(1, int(seconds * 1e9 / period_ns))):
@@ -113,7 +113,7 @@ def _measure_releases(seconds: float, period_ns: int) -> list[int]:
 
 
 def _read_lateness(path: Path) -> Lateness:
-    """The measurement in a file; SoterError D006 if the file is not of `stored_lateness`."""
+    """Reads a measurement. Raises SoterError D006 if `stored_lateness` did not write the file."""
     try:
         fields = json.loads(read_bytes(path))
         made = Lateness(**{**fields, "quantiles_ns": tuple(fields["quantiles_ns"])})
@@ -127,9 +127,11 @@ def _read_lateness(path: Path) -> Lateness:
 
 
 def stored_lateness(path: Path, seconds: float) -> Lateness:
-    """The measurement in a file; if there is no file, measures now and writes it."""
+    """Reads the measurement from a file; if the file is missing, measures and writes it."""
     if path.exists():
         return _read_lateness(path)
     made = measure_lateness(seconds)
-    own_path(path.parent, path.name).write_text(json.dumps(asdict(made)) + "\n", encoding="utf-8")
+    path_without_links(path.parent, path.name).write_text(
+        json.dumps(asdict(made)) + "\n", encoding="utf-8"
+    )
     return made

@@ -41,11 +41,11 @@ ORDER = "order any"
 
 @dataclass(frozen=True)
 class FaultAttribution:
-    """The "faults outside", outside of what proofs assume, that may explain a violated flight.
+    """The faults outside the assumptions of proofs that may explain a violated flight.
 
-    `met`: those that occurred before its first violation, as they were written. `clean_without`:
-    whether the same flight without any of them violates nothing; None: it met none, and was not
-    flown again. `needed`: each without which alone it is clean; () if several do the same harm.
+    `met`: the faults, as text, before its first violation. `clean_without`: whether the same flight
+    without all of them violates nothing; None if it met none and was not flown again. `needed`: the
+    faults each of which alone must go for a clean flight; () if several do the same harm.
     """
 
     met: tuple[str, ...]
@@ -54,7 +54,7 @@ class FaultAttribution:
 
     @property
     def excused(self) -> bool:
-        """Whether the flight is clean without the faults outside."""
+        """Whether the flight is clean without the faults outside the assumptions."""
         return self.clean_without is True
 
 
@@ -63,8 +63,8 @@ def attributions(
     bad: Sequence[FlightOutcome],
     fly_again: Callable[[System, Sequence[int]], Iterable[FlightOutcome]],
 ) -> dict[int, FaultAttribution]:
-    """The attribution of each flight in `bad`, by number; `fly_again` flies numbers of a system."""
-    met = {f.number: tuple(faults_outside(system, f.seed, _first_ns(f))) for f in bad}
+    """The attribution of each flight in `bad`, by number; `fly_again` flies chosen flights."""
+    met = {f.number: tuple(faults_outside(system, f.seed, _first_violation_ns(f))) for f in bad}
 
     def clean_flights(other: System, numbers: Sequence[int]) -> set[int]:
         return {f.number for f in fly_again(other, numbers) if not f.violations}
@@ -84,12 +84,12 @@ def attributions(
     }
 
 
-def _first_ns(f: FlightOutcome) -> int:
+def _first_violation_ns(f: FlightOutcome) -> int:
     return round((f.seconds if f.first_s is None else f.first_s) * 1e9)
 
 
 def faults_outside(system: System, seed: int, until_ns: int) -> list[str]:
-    """The faults outside of what proofs assume that occurred up to a time, as written."""
+    """The texts of faults outside the proofs' assumptions that occurred until `until_ns`."""
     fault_texts = {ORDER: None} if system.shuffled else {}
     for f in system.faults:
         if (
@@ -113,10 +113,10 @@ DRAWS = 1 << 20
 
 
 def count_faults(system: System, seeds: Sequence[int], until_ns: int) -> dict[str, int | None]:
-    """How often each fault occurred in the flights of these seeds, by its text.
+    """How often each fault occurred in the flights of these seeds, by the text of the fault.
 
-    The slots of time (docs/semantics.md, Faults) that a release met are counted; a fault that hits
-    a group at once counts once. None: always, such as a lateness of every release.
+    It counts the time slots (docs/semantics.md, Faults) that a release met; a fault that hits a
+    group at once counts once. None means always, such as a lateness of every release.
     """
     streams_by_fault: dict[str, dict[str, int] | None] = {ORDER: None} if system.shuffled else {}
     for f in system.faults:
@@ -134,7 +134,7 @@ def count_faults(system: System, seeds: Sequence[int], until_ns: int) -> dict[st
 
 
 def _occurrence_count(f: Fault, c: Component, seeds: Sequence[int], until_ns: int) -> int:
-    """In how many slots of all these flights a fault occurs, by the rule of `begin_times`."""
+    """The number of slots in all these flights in which a fault occurs, as `begin_times` rules."""
     step = max(f.slot_ns, c.period_ns)
     slots = until_ns // step + 2
     rows, total = max(1, DRAWS // slots), 0
@@ -157,23 +157,23 @@ def _occurrence_count(f: Fault, c: Component, seeds: Sequence[int], until_ns: in
 
 
 def _hits(f: Fault, seeds: Sequence[int], slots: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Whether the fault is drawn in each slot, (flights, slots)."""
+    """For each slot, whether the fault is drawn in it, as an array (flights, slots)."""
     share = (_draw_bits(seeds, f.stream, slots) >> np.uint64(11)).astype(np.float64) * 2.0**-53
     mask: npt.NDArray[np.bool_] = share < f.probability
     return mask
 
 
 def _draw_bits(seeds: Sequence[int], stream: str, index: npt.NDArray[np.int64]) -> Words:
-    """The random bits of `draw_bits` for each index, (flights, n), under the seed of its row."""
+    """The random bits of `draw_bits` for each index, (flights, n); each row has its seed."""
     golden = np.uint64(GOLDEN)
-    keys = _mix_arrays(
-        _mix_arrays(np.array(seeds, dtype=np.uint64) + golden) ^ np.uint64(fnv1a_64(stream))
+    keys = _mixed_arrays(
+        _mixed_arrays(np.array(seeds, dtype=np.uint64) + golden) ^ np.uint64(fnv1a_64(stream))
     )
-    return _mix_arrays((index + 1).astype(np.uint64) * golden + keys[:, None])
+    return _mixed_arrays((index + 1).astype(np.uint64) * golden + keys[:, None])
 
 
-def _mix_arrays(z: Words) -> Words:
-    """The numbers of an array, in its shape, each mixed by `splitmix64`."""
+def _mixed_arrays(z: Words) -> Words:
+    """The numbers of an array after mixing each with `splitmix64`; the shape stays."""
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
         z = (z ^ (z >> np.uint64(shift))) * np.uint64(factor)
     words: Words = z ^ (z >> np.uint64(31))
@@ -188,9 +188,9 @@ ALOFT = "aloft"
 
 @dataclass(frozen=True)
 class ModuleStatistics:
-    """The figures of one module over all flights; `per_hour`: the 95 % interval of episodes.
+    """The statistics of a module over all flights; `per_hour`: the 95 % interval of episodes.
 
-    `basis`: the assumption of the interval (`statistics.RateInterval`).
+    `basis`: the assumption behind the interval (`statistics.RateInterval`).
     """
 
     name: str
@@ -206,9 +206,9 @@ class ModuleStatistics:
 
 @dataclass(frozen=True)
 class MetricResult:
-    """A measure over all flights: the mean of its samples, ends and histogram, all in `unit`.
+    """A measure over all flights: mean, least and greatest sample, and histogram, in `unit`.
 
-    `edges`: (bins + 1,) of the range; `bins`: (bins + 2,) counts, below and above the range, too.
+    `edges`: (bins + 1,) of the range; `bins`: (bins + 2,) counts, with those outside the range.
     """
 
     name: str
@@ -222,11 +222,11 @@ class MetricResult:
 
 @dataclass(frozen=True)
 class Result:
-    """The figures of all flights; `per_hour`: the 95 % interval of the rate of violations.
+    """The statistics of all flights; `per_hour`: the 95 % interval of the violation rate.
 
     Rates are per hour aloft if the system measures that, else per hour. `distinct`: the number of
-    flights, copies counted once. `properties`: the number of those that judged each flight; if it
-    is 0, nothing is known of the rate.
+    different flights. `properties`: the number of properties that judged each flight; if it is 0,
+    nothing is known of the rate.
     """
 
     flights: int
@@ -259,7 +259,7 @@ class Result:
 
     @property
     def outside(self) -> tuple[tuple[str, ...], ...]:
-        """For each of the worst flights, the faults outside that it met before its violation."""
+        """The faults outside assumptions that each worst flight met before its violation."""
         return tuple(b.met for b in self.blames)
 
     @property
@@ -270,7 +270,7 @@ class Result:
 
 @dataclass(frozen=True)
 class FlownArm:
-    """One arm flown on the seeds of a campaign; `folder` has all of its flights."""
+    """An arm flown on the seeds of a campaign; `folder` has all of its flights."""
 
     name: str
     text: str
@@ -284,11 +284,11 @@ class FlownArm:
 
 @dataclass(frozen=True)
 class Campaign:
-    """A campaign that was flown. `folder` has every flight; `wall_s`: the time of this call alone.
+    """A flown campaign. `folder` has every flight; `wall_s` is the time of this call alone.
 
-    `flown`: number of flights in this call; the others were in the folder. `arms`: the same seeds
-    by other rules, the campaign itself first; `lateness`: the lateness measured for them, in words.
-    `horizon_s`: how far AC was flown on after it lost control; 0: saves were not counted.
+    `flown`: number of flights in this call; the folder already had the others. `arms`: the same
+    seeds under other rules, first the campaign itself; `lateness`: the lateness measured for them,
+    as text. `horizon_s`: how long AC flew on after it lost control; 0 if saves were not counted.
     """
 
     system: str
@@ -323,7 +323,7 @@ class Campaign:
 def make_result(
     flights: Sequence[FlightOutcome], system: System, blames: Mapping[int, FaultAttribution]
 ) -> Result:
-    """The figures of these flights; without flights zeros, and intervals that say nothing.
+    """The statistics of these flights; without flights, zeros and intervals that exclude nothing.
 
     `blames`: the attribution of each violated flight, by its number.
     """
@@ -334,7 +334,7 @@ def make_result(
     kinds = [f.trajectory for f in flights]
     aloft = _hours_aloft(flights, system)
     exposed = [f.seconds / 3600.0 for f in flights] if aloft is None else aloft
-    measures = _measure_figures(flights, system)
+    measures = _metric_results(flights, system)
     counts = [f.violations for f in flights]
     rate, per_flight = RateInterval(0.0, inf, FLIGHTS), (0.0, 1.0)
     if system.properties:
@@ -365,7 +365,7 @@ def make_result(
 
 
 def _kilometres(measures: Sequence[MetricResult], hours: float) -> float | None:
-    """The kilometres of all flights; None without a measure `speed`, or a number of it."""
+    """The kilometres of all flights; None if the measure `speed` is missing or has no number."""
     speed = next((m.mean for m in measures if m.name == SPEED), None)
     return None if speed is None or isnan(speed) else speed * 3.6 * hours
 
@@ -373,7 +373,7 @@ def _kilometres(measures: Sequence[MetricResult], hours: float) -> float | None:
 def _module_statistics(
     flights: Sequence[FlightOutcome], system: System, hours: Sequence[float], kinds: Sequence[str]
 ) -> Iterator[ModuleStatistics]:
-    """Yields each module's statistics; `hours` and `kinds`, (flights,), as in `rate_interval`."""
+    """Yields statistics of each module; `hours` and `kinds`, (flights,): see `rate_interval`."""
     seconds = max(sum(f.seconds for f in flights), 1e-9)
     most = max((int(f.seconds * 1e9) // EPISODE_NS + 1 for f in flights), default=0)
     for k, m in enumerate(system.modules):
@@ -394,7 +394,7 @@ def _module_statistics(
 
 
 def _hours_aloft(flights: Sequence[FlightOutcome], system: System) -> list[float] | None:
-    """The hours aloft of each flight, 0 without a number; None without the measure `aloft`."""
+    """The hours aloft of each flight, 0 without a number; None without a measure `aloft`."""
     k = next((k for k, m in enumerate(system.measures) if m.name == ALOFT), None)
     if k is None:
         return None
@@ -404,9 +404,9 @@ def _hours_aloft(flights: Sequence[FlightOutcome], system: System) -> list[float
 
 
 def _most_violations(flights: Sequence[FlightOutcome], system: System) -> int:
-    """The most violations that one flight can have: each begins in an instant after one without.
+    """The most violations possible in a flight: each begins after an instant without violation.
 
-    A release makes two instants at most: its own, and that in which held outputs are published.
+    A release makes at most two instants: the release, and the publication of held outputs.
     """
     until_ns = max((round(f.seconds * 1e9) for f in flights), default=0)
     instants = sum(2 * (until_ns // c.period_ns + 2) for c in system.components)
@@ -426,7 +426,7 @@ def _saves_of_module(flights: Sequence[FlightOutcome], k: int) -> tuple[int | No
     return sum(f.saves[k] for f in flights), sum(f.precautions[k] for f in flights)
 
 
-def _measure_figures(flights: Sequence[FlightOutcome], system: System) -> tuple[MetricResult, ...]:
+def _metric_results(flights: Sequence[FlightOutcome], system: System) -> tuple[MetricResult, ...]:
     measures = []
     for k, m in enumerate(system.measures):
         looks = [f.looks[k] for f in flights if f.looks[k].count]

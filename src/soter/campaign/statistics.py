@@ -28,7 +28,7 @@ TERMS = 1_000_000
 
 @dataclass(frozen=True)
 class RateInterval:
-    """The interval of a rate per hour; `basis`: POISSON or FLIGHTS."""
+    """The interval of a rate per hour; `basis` is POISSON or FLIGHTS."""
 
     low: float
     high: float
@@ -38,7 +38,7 @@ class RateInterval:
 def garwood_interval(
     count: int, amount: float, confidence: float = CONFIDENCE
 ) -> tuple[float, float]:
-    """The interval of a Poisson rate per unit of `amount`, from `count` events in that amount.
+    """The interval of a Poisson rate per unit of `amount`, from `count` events.
 
     For amount 0 it is (0, inf). Without events it is one-sided: all of the error lies above.
     """
@@ -56,7 +56,7 @@ def garwood_interval(
 def clopper_pearson_interval(
     count: int, total: int, confidence: float = CONFIDENCE
 ) -> tuple[float, float]:
-    """The interval of a probability, from `count` of `total`; one-sided for none or all."""
+    """The interval of a probability from `count` of `total`; one-sided for 0 and for `total`."""
     if total <= 0:
         return 0.0, 1.0
     missed = 1.0 - confidence
@@ -79,23 +79,23 @@ def rate_interval(
     most: int,
     kinds: Sequence[Hashable] | None = None,
 ) -> RateInterval:
-    """The interval of the rate per hour, from counts (n,) in flights of so many hours (n,).
+    """The interval of the rate per hour, from counts (n,) in flights of `hours` (n,).
 
-    It is Garwood's if Fisher's dispersion test passes or all counts are 0; else it is by flight, if
-    a count can be at most `most`. `kinds` (n,): flights of one kind are copies; the interval also
-    contains that of one flight a kind.
+    It is Garwood's if Fisher's dispersion test passes or all counts are 0. Otherwise it is a
+    betting interval by flight, in which no count exceeds `most`. `kinds` (n,): flights of a kind
+    are copies; the result also contains the interval from one flight of each kind.
     """
-    interval = _garwood_or_betting(counts, hours, most)
+    interval = _garwood_or_betting_interval(counts, hours, most)
     if kinds is None or len(set(kinds)) == len(kinds):
         return interval
     first = {kind: k for k, kind in reversed(list(enumerate(kinds)))}.values()
-    lone = _garwood_or_betting([counts[k] for k in first], [hours[k] for k in first], most)
+    lone = _garwood_or_betting_interval([counts[k] for k in first], [hours[k] for k in first], most)
     basis = POISSON if interval.basis == lone.basis == POISSON else FLIGHTS
     return RateInterval(min(interval.low, lone.low), max(interval.high, lone.high), basis)
 
 
 def share_interval(bad: Sequence[bool], kinds: Sequence[Hashable]) -> tuple[float, float]:
-    """The interval of the share of `bad` flights; `kinds` as in `rate_interval`."""
+    """The interval of the share of `bad` flights; `kinds` is as in `rate_interval`."""
     low, high = clopper_pearson_interval(sum(bad), len(bad))
     bad_by_kind = dict(zip(kinds, bad, strict=True))
     if len(bad_by_kind) == len(bad):
@@ -105,7 +105,7 @@ def share_interval(bad: Sequence[bool], kinds: Sequence[Hashable]) -> tuple[floa
 
 
 def scatters_as_poisson(counts: Sequence[int], hours: Sequence[float]) -> bool:
-    """Whether Fisher's dispersion test (1950, two-sided, 5 %) passes; never for one flight."""
+    """Whether Fisher's dispersion test (1950, two-sided, 5 %) passes; false for a single flight."""
     total, amount = sum(counts), fsum(hours)
     if len(counts) < 2 or total == 0 or amount <= 0.0:
         return False
@@ -115,12 +115,14 @@ def scatters_as_poisson(counts: Sequence[int], hours: Sequence[float]) -> bool:
     if len(pairs) < 2:
         return False
     spread = fsum((c - mean) ** 2 / mean for c, mean in pairs)
-    below = _gamma_below((len(pairs) - 1) / 2, spread / 2)
+    below = _regularized_gamma((len(pairs) - 1) / 2, spread / 2)
     missed = 1.0 - CONFIDENCE
     return missed / 2 <= below <= 1.0 - missed / 2
 
 
-def _garwood_or_betting(counts: Sequence[int], hours: Sequence[float], most: int) -> RateInterval:
+def _garwood_or_betting_interval(
+    counts: Sequence[int], hours: Sequence[float], most: int
+) -> RateInterval:
     """The interval of `rate_interval` for flights that are no copies of each other."""
     amount = fsum(hours)
     if amount <= 0.0:
@@ -147,7 +149,7 @@ def _betting_interval(counts: Sequence[int], most: int) -> tuple[float, float]:
     goal = log(2.0 * len(STAKES) / (1.0 - CONFIDENCE))
 
     def growth(factor: Callable[[float], float]) -> float:
-        """The log of a capital that was 1; `factor`: the gain per unit of a flight of value x."""
+        """The log of the final capital, which was 1; `factor` is the gain per unit of a flight."""
         logs = [fsum(n * _log_or_inf(1.0 + c * factor(x)) for x, n in table) for c in STAKES]
         top = max(logs)
         return top + log(fsum(exp(v - top) for v in logs)) if top > -inf else -inf
@@ -178,7 +180,7 @@ def _last_included_mean(end: float, mean: float, is_excluded: Callable[[float], 
 # ---------------------------------------------------------------- incomplete gamma and beta
 
 
-def _gamma_below(a: float, x: float) -> float:
+def _regularized_gamma(a: float, x: float) -> float:
     """P(a, x), the regularized lower incomplete gamma function, by its series."""
     if x <= 0.0:
         return 0.0
@@ -194,23 +196,23 @@ def _gamma_below(a: float, x: float) -> float:
 
 
 def _gamma_quantile(a: float, p: float) -> float:
-    """The x at which P(a, x) is p; the search begins at Wilson and Hilferty's guess."""
+    """The x for which P(a, x) is p; the search starts at Wilson and Hilferty's approximation."""
     z = NormalDist().inv_cdf(p)
     guess = a * max(1.0 - 1.0 / (9.0 * a) + z / (3.0 * sqrt(a)), 1e-3) ** 3
-    return _solve_rising(
-        lambda x: _gamma_below(a, x) - p,
+    return _zero_of_rising(
+        lambda x: _regularized_gamma(a, x) - p,
         lambda x: exp((a - 1.0) * log(x) - x - lgamma(a)),
         guess,
         a + 40.0 * sqrt(a) + 400.0,
     )
 
 
-def _beta_below(a: float, b: float, x: float) -> float:
+def _regularized_beta(a: float, b: float, x: float) -> float:
     """I_x(a, b), the regularized incomplete beta function, by its continued fraction."""
     if x <= 0.0 or x >= 1.0:
         return 0.0 if x <= 0.0 else 1.0
     if x > (a + 1.0) / (a + b + 2.0):
-        return 1.0 - _beta_below(b, a, 1.0 - x)
+        return 1.0 - _regularized_beta(b, a, 1.0 - x)
     tiny, c = 1e-300, 1.0
     d = 1.0 / (1.0 - (a + b) * x / (a + 1.0) or tiny)
     fraction, factor = d, 0.0
@@ -235,18 +237,18 @@ def _log_beta_density(a: float, b: float, x: float) -> float:
 
 def _beta_quantile(a: float, b: float, p: float) -> float:
     """The x at which I_x(a, b) is p."""
-    return _solve_rising(
-        lambda x: _beta_below(a, b, x) - p,
+    return _zero_of_rising(
+        lambda x: _regularized_beta(a, b, x) - p,
         lambda x: exp(_log_beta_density(a, b, x)),
         a / (a + b),
         1.0,
     )
 
 
-def _solve_rising(
+def _zero_of_rising(
     f: Callable[[float], float], slope: Callable[[float], float], guess: float, high: float
 ) -> float:
-    """The zero of a rising function in (0, high): by Newton's steps, or else by bisection."""
+    """The zero of a rising function in (0, high), found by Newton steps or else by bisection."""
     low, x = 0.0, guess
     for _ in range(STEPS):
         value = f(x)

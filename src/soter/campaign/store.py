@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class MetricSample:
-    """A measure over one flight: how many samples were numbers; their sum, ends and histogram.
+    """The samples of a measure in a flight: their number, sum, extremes and histogram.
 
-    `bins`: (bins + 2,) counts; the first is below the range, the last above.
+    `bins`: (bins + 2,) counts; the first is below the range, the last above it.
     """
 
     count: int
@@ -48,14 +48,14 @@ class MetricSample:
 
 @dataclass(frozen=True)
 class FlightOutcome:
-    """One flight. Shares and times are by module, in the order of the system's modules.
+    """The outcome of a flight. Shares and times are by module, in the system's order.
 
-    `soter run --seed` flies `seed` again; `digest`: SHA-256 over its events and its last state.
-    `all_ac_s`: how long all modules were in AC at once. `violations`: how often a property began to
-    be violated, and how many components latched; `broken`: their texts; `first_s`: when the first
-    did. `saves`: how many episodes end in a violation if AC is flown on; `precautions`: the others;
-    () if not counted. `looks`: one for each measure of the system. `trajectory`: SHA-256 of what
-    happened, without the seed; flights with the same one are copies of each other.
+    `soter run --seed` flies `seed` again; `digest`: SHA-256 over events and last state. `all_ac_s`:
+    how long all modules were in AC at once. `violations`: how often a property began to be
+    violated, plus how many components latched; `broken`: their texts; `first_s`: when the first
+    occurred. `saves`: the number of episodes that end in a violation if AC flies on; `precautions`:
+    the number of others; both () if not counted. `looks`: a sample set for each measure.
+    `trajectory`: SHA-256 of what happened, without the seed; flights with equal values are copies.
     """
 
     number: int
@@ -100,11 +100,11 @@ ANOTHER = "give another folder with -o, or remove this one"
 
 @dataclass(frozen=True)
 class CampaignIdentity:
-    """The identity of a campaign: two campaigns are the same if all of these fields are equal.
+    """The identity of a campaign: two campaigns are the same if all these fields are equal.
 
-    `code_sha256`: of the C that Soter makes and of its run-time; `linked`: SHA-256 of the C of
-    externs, of what it includes and of the compiler, by name; `unknown`: why it cannot be known
-    what else that C depends on, or ""; if it is not "", no stored flight is used.
+    `code_sha256`: hash of the C that Soter makes and of its run-time; `linked`: hashes, by name, of
+    the C of externs, of the files that it includes and of the compiler; `unknown`: why this C may
+    depend on something unknown, or ""; if it is not "", no stored flight is used.
     """
 
     program: str
@@ -126,7 +126,7 @@ class CampaignIdentity:
 
 
 class CampaignStore:
-    """The folder of one campaign. SoterError D006 if it is not writable, or another campaign's."""
+    """The folder of a campaign. Raises D006 if it is not writable or has another campaign."""
 
     def __init__(self, folder: Path, about: CampaignIdentity) -> None:
         self.folder, self.about = folder, about
@@ -173,7 +173,7 @@ class CampaignStore:
         )
 
     def _require_known_c(self) -> None:
-        """Raises D006 if the folder has flights that another call might fly otherwise."""
+        """Raises D006 if the folder has flights that might come out differently now."""
         if self.flights and self.about.unknown:
             raise _trouble(
                 self.folder,
@@ -183,7 +183,7 @@ class CampaignStore:
             )
 
     def _lock_folder(self) -> None:
-        """Locks the folder until the process ends; D006 if another process has locked it."""
+        """Locks the folder until the process ends. Raises D006 if another process has locked it."""
         try:
             from fcntl import LOCK_EX, LOCK_NB, flock  # noqa: PLC0415 - not everywhere
         except ImportError:
@@ -202,7 +202,7 @@ class CampaignStore:
             ) from None
 
     def close(self) -> None:
-        """Unlocks the folder, so that others may fly into it."""
+        """Unlocks the folder, so that other processes may add flights to it."""
         if self._lock is not None:
             with suppress(OSError):
                 self._lock.close()
@@ -218,7 +218,7 @@ class CampaignStore:
         return (*COUNTED, *(SAVED if self.about.horizon_ns else ()))
 
     def _read_flights(self) -> list[FlightOutcome]:
-        """The stored flights, from number 0 on, up to a damaged line; cuts off what follows."""
+        """Reads the stored flights from number 0 up to a damaged line; cuts off the rest."""
         path = self.folder / FLIGHTS
         if not path.exists():
             return []
@@ -269,7 +269,7 @@ class CampaignStore:
         return tuple(int(row[f"{m}.{column}"]) for m in self.about.modules)
 
     def add_flights(self, flights: Sequence[FlightOutcome]) -> None:
-        """Stores flights that follow the stored ones; SoterError D006 if it cannot."""
+        """Adds flights after the stored ones. Raises SoterError D006 if that fails."""
         try:
             with (self.folder / FLIGHTS).open("a", encoding="utf-8", newline="") as file:
                 writer = csv.writer(file, lineterminator="\n")
@@ -283,7 +283,7 @@ class CampaignStore:
 
 
 def measured_lateness(folder: Path, program_sha256: str | None, system: str) -> tuple[int, ...]:
-    """The lateness (ns) with which the arm `paper` was flown; SoterError D006 if it was not."""
+    """The lateness (ns) with which the arm `paper` was flown. Raises D006 if it was not flown."""
     file = folder / "arm-paper" / ABOUT
     about = _read_json(file) if file.is_file() else None
     if not isinstance(about, dict):
@@ -329,13 +329,13 @@ def _line_checksum(cells: Iterable[str]) -> str:
 
 
 def _is_undamaged(row: dict[str, str]) -> bool:
-    """Whether a line is as it was written, by its checksum."""
+    """Whether the checksum of a row fits its cells."""
     cells = list(row.values())
     return None not in row and None not in cells and cells[-1] == _line_checksum(cells[:-1])
 
 
 def campaign_digest(flights: Iterable[FlightOutcome]) -> str:
-    """The SHA-256 of a campaign: over the digests of its flights, in the order of their numbers."""
+    """The SHA-256 hash over the digests of all flights, in the order of their numbers."""
     digest = hashlib.sha256()
     for f in flights:
         digest.update(f"{f.number} {f.seed} {f.digest}\n".encode("ascii"))
@@ -371,7 +371,7 @@ def require_parquet() -> None:
 
 
 def write_parquet(folder: Path) -> Path:
-    """Writes the flights of a campaign's folder as Parquet, and returns the path; D006, D007."""
+    """Writes a campaign's flights as Parquet and returns the path. Raises D006 or D007."""
     require_parquet()
     from pyarrow import csv, parquet  # noqa: PLC0415 - an extra
 

@@ -27,7 +27,7 @@ def quoted_names(names: Sequence[str]) -> str:
 
 
 def interval_text(low: float, high: float) -> str:
-    """The interval of a rate or a share, in words."""
+    """The interval of a rate or share, as text."""
     if high == inf:
         return "any number"
     if low == 0.0:
@@ -41,14 +41,14 @@ def rate_unit(r: Result) -> str:
 
 
 def verdict_text(r: Result) -> str:
-    """The number of violations in words, or that nothing was judged."""
+    """The number of violations as text, or a note that nothing was judged."""
     if not r.properties and not r.violations:
         return "nothing was judged: the system has no property"
     return f"{r.violations:,} violations"
 
 
 def bound_text(r: Result) -> str:
-    """The bound on the rate of violations, with 95 % confidence; "" if nothing was judged."""
+    """The bound on the violation rate with 95 % confidence, as text; "" if nothing was judged."""
     if not r.properties:
         return ""
     hourly = f"{interval_text(*r.per_hour)} {rate_unit(r)}"
@@ -60,7 +60,7 @@ def bound_text(r: Result) -> str:
 
 
 def faults_text(r: Result) -> str:
-    """A sentence on how many violated flights are clean without the faults outside."""
+    """A sentence on how many violated flights are clean without faults outside the assumptions."""
     out = r.flights_violated - r.violated_inside
     return (
         f"{r.flights_violated:,} flights violated: {out:,} of them are clean when they are flown "
@@ -70,7 +70,7 @@ def faults_text(r: Result) -> str:
 
 
 def violations_table(campaign: Campaign) -> Table:
-    """The table of the properties that were violated, and how often."""
+    """The table of violated properties with their numbers of violations."""
     return ("times", "violated"), tuple((f"{n:,}", text) for text, n in campaign.result.broken)
 
 
@@ -92,7 +92,7 @@ def worst_flights_table(campaign: Campaign) -> Table:
 
 
 def modules_table(campaign: Campaign) -> Table:
-    """The table of modules: how long AC was in control, and how often it lost it."""
+    """The table of modules, with how long AC had control and how often it lost control."""
     saves = campaign.horizon_s > 0
     hourly = f"episodes {rate_unit(campaign.result)}, 95 %"
     head = ("module", "AC share", "takeovers", "episodes", hourly, "gate faults")
@@ -117,7 +117,7 @@ def measures_table(campaign: Campaign) -> Table:
 
 
 def arms_table(campaign: Campaign) -> Table:
-    """The table of arms: the same seeds by other rules."""
+    """The table of arms, which are the same seeds under other rules."""
     rows = tuple(
         (
             a.name,
@@ -132,7 +132,7 @@ def arms_table(campaign: Campaign) -> Table:
 
 
 def faults_table(campaign: Campaign) -> Table:
-    """The table of declared faults, and of how many violated flights each excuses."""
+    """The table of declared faults, with the number of violated flights that each excuses."""
     excused = {text: f"{n:,} of {met:,} that met it" for text, n, met in campaign.result.excused}
     rows = tuple(
         (_times(campaign.occurred[t]), t, f"inside: {w}" if w else "outside", excused.get(t, ""))

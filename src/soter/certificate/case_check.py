@@ -64,7 +64,7 @@ VERDICTS = ("proved", "assumed", "undecided", "refuted")
 
 
 def proved_claims(claimed: object) -> set[str]:
-    """The claims that are called proved; RejectedError for an unknown name, or no proved claim."""
+    """The claims that are called proved. Raises RejectedError for an unknown name or no claim."""
     if not isinstance(claimed, dict):
         raise RejectedError("`claims` is not as it should be")
     for name, verdict in claimed.items():
@@ -77,7 +77,7 @@ def proved_claims(claimed: object) -> set[str]:
 
 
 def check_module_claims(system: System, module: Module, claims: dict[str, str]) -> None:
-    """RejectedError where P1a or P1b is false, or P2b of a DM that never gives control back."""
+    """Raises RejectedError if P1a or P1b is false, or P2b for a DM that never returns control."""
     ac, sc = (system.components[i] for i in (module.ac, module.sc))
     latch = module.symbol.latch
     if claims.get("P2b") == PROVED and latch is not None and latch.topic is None:
@@ -91,14 +91,14 @@ def check_module_claims(system: System, module: Module, claims: dict[str, str]) 
 
 
 def p1c_verdict(facts: Facts) -> str:
-    """The verdict on P1c, H apart: "proved" if it rests on declared times alone, else "assumed"."""
+    """The verdict on P1c, apart from H: "proved" if only declared times matter, else "assumed"."""
     verify = facts.symbol.verify
     declared = all(getattr(verify, name) is not None for _, name in DELAYS.values())
     return "proved" if declared and not facts.ways.undeclared else "assumed"
 
 
 def check_static_claims(facts: Facts, claims: dict[str, str]) -> None:
-    """Compares P1a, P1b and P1c with the program; `RejectedError` where a claim overstates it."""
+    """Compares P1a, P1b, P1c with the program; raises RejectedError if a claim says too much."""
     check_module_claims(facts.flying, facts.flying_module, claims)
     if claims.get("P1c") not in (PROVED, "assumed"):
         return
@@ -114,12 +114,12 @@ def check_static_claims(facts: Facts, claims: dict[str, str]) -> None:
 
 
 def can_fork() -> bool:
-    """Whether this system forks processes."""
+    """Whether this operating system can fork processes."""
     return "fork" in multiprocessing.get_all_start_methods()
 
 
 class TaskProcesses:
-    """Processes that share the tasks 0, 1, ... among them; each calls `answer` on its tasks."""
+    """Processes that share the tasks 0, 1, ...; each process calls `answer` on its tasks."""
 
     def __init__(self, tasks: int, answer: Callable[[int], Any], workers: int) -> None:
         fork = multiprocessing.get_context("fork")
@@ -136,9 +136,9 @@ class TaskProcesses:
             self._answers.append(ours)
 
     def answers(self) -> Generator[tuple[int, Any]]:
-        """Gives each task with its answer as it is done; raises what a process raised.
+        """Yields each finished task with its answer; raises an error that a process raised.
 
-        BrokenExecutor where a process ended before its time. At the end all processes are ended.
+        Raises BrokenExecutor if a process ended too early. At the end all processes are ended.
         """
         try:
             while self._left:
@@ -159,7 +159,7 @@ class TaskProcesses:
             self.end_processes()
 
     def end_processes(self) -> None:
-        """Ends all processes, and does not wait for their tasks."""
+        """Ends all processes without waiting for their tasks."""
         for process in self._processes:
             process.kill()
             process.join()
@@ -182,7 +182,7 @@ def _answer_tasks(tasks: range, answer: Callable[[int], Any], to: Connection, pa
 
 @dataclass(eq=False)
 class CaseCheck:
-    """Shows the claims about one combination of parameter values, of all groups."""
+    """Checks the claims about one combination of parameter values, for all groups of states."""
 
     model: CaseModel
     groups: Sequence[GridGroup]
@@ -197,7 +197,7 @@ class CaseCheck:
     """The work of the tasks that are done, in the unit of `Task`."""
 
     def show_claims(self) -> None:
-        """Collects the tasks that show the claims, and runs them; RejectedError where one fails."""
+        """Collects and runs the tasks that show the claims; raises RejectedError if one fails."""
         self._collect_tasks()
         self._run_tasks()
 
@@ -248,7 +248,7 @@ class CaseCheck:
         self._add_tasks(c.core_tasks() for c in self.checks)
 
     def _add_predicate_tasks(self) -> None:
-        """Adds the tasks of P3: where `ttf` may be false or `safer` true, the state is in R(H)."""
+        """Adds the tasks of P3: each state where `ttf` may be false or `safer` true is in R(H)."""
         symbol = self.model.facts.symbol
         predicates = ("ttf", self.model.facts.ttf, False), ("safer", symbol.safer, True)
         for name, expr, admits in predicates:
@@ -266,7 +266,7 @@ class CaseCheck:
         self._add_tasks(c.return_tasks(cells) for c, cells in zip(self.checks, calm, strict=True))
 
     def _compare_recover_time(self) -> None:
-        """RejectedError where SC may take longer to return, by any group, than the program says."""
+        """Raises RejectedError if SC may need more time to return than the program claims."""
         facts, wanted = self.model.facts, self.entry["recover_ns"]
         declared = facts.symbol.verify.recover
         if declared is None:
@@ -282,7 +282,7 @@ class CaseCheck:
             raise RejectedError("SC may take longer to return than the program allows")
 
     def _add_start_tasks(self) -> None:
-        """Adds the tasks that the initial states stay in K until SC acts, whatever acts before."""
+        """Adds the tasks that initial states stay in K until SC acts, under any earlier command."""
         facts = self.model.facts
         pairs = zip(facts.parameters, self.model.parameter, strict=True)
         if not all(v in p.begins for p, v in pairs):
@@ -319,11 +319,11 @@ class CaseCheck:
 
 
 def require_defined_rates(model: CaseModel, groups: Sequence[Sequence[int]]) -> None:
-    """`NotRecheckedError` where a rate may be undefined on the grid and no group checks that.
+    """Raises NotRecheckedError if a rate may be undefined on the grid and no group checks it.
 
-    `groups`: the states of each group whose own check demands defined rates: its flow is not
-    linear, and runs could leave its grid. An obligation on states of several groups is left to one
-    of these, for which the states of others range over their grids.
+    `groups`: the states of each group whose check demands defined rates, as its flow is not linear
+    and runs could leave its grid. An obligation on states of several groups is left to one of
+    these; there the other states range over their grids.
     """
     if model.facts.kind == "map":
         return  # a map's obligations are demanded of every cell
@@ -343,7 +343,7 @@ def require_defined_rates(model: CaseModel, groups: Sequence[Sequence[int]]) -> 
 
 
 def narrowed_extents(extents: Extents, parts: Iterable[Axes]) -> Extents:
-    """The ranges of all states; those of the states of `parts` are the ends of their grids."""
+    """The ranges of all states; a state in `parts` gets the ends of its grid."""
     ends = list(extents)
     for part in parts:
         for state, edges in zip(part.states, part.grid.edges, strict=True):

@@ -64,11 +64,11 @@ SPLITS_OF_SETS = 4
 def certain_cells(
     model: CaseModel, groups: Sequence[Axes], expr: typed.TypedExpr, *, errors: bool
 ) -> list[Cells]:
-    """For each group the cells on which its share of a predicate certainly holds.
+    """For each group, the cells on which its share of a predicate certainly holds.
 
-    The predicate holds on the product of these sets. Each conjunct is the share of the group on
-    which it depends most (any choice is sound); all other states range over their whole grids. With
-    `errors` it holds of every estimate of every state.
+    The predicate holds on the product of these sets. Each conjunct belongs to the group on which it
+    depends most (any choice is sound); all other states range over their whole grids. With `errors`
+    it holds for every estimate of every state.
     """
     terms, states = model.new_terms(ENDLESS)
     truth = model.truth_of(terms, states, expr, errors=errors)
@@ -76,9 +76,9 @@ def certain_cells(
 
 
 def cells_published_in_set(model: CaseModel, groups: Sequence[Axes], topic: int) -> list[Cells]:
-    """For each group the cells on which what plants publish on a topic is in its declared set.
+    """For each group, the cells where the plants' values of a topic lie in its declared set.
 
-    This holds of every estimate: outside of its set the plant stops.
+    This holds for every estimate, because the plant stops outside of this set.
     """
     terms, states = model.new_terms(ENDLESS)
     return _cells_by_share(model, groups, terms, states, model.topic_in_set(terms, states, topic))
@@ -91,7 +91,7 @@ def _cells_by_share(
     states: Sequence[Linear],
     truth: Proposition,
 ) -> list[Cells]:
-    """The cells of each group on which its share of a proposition certainly holds."""
+    """For each group, the cells on which its share of a proposition certainly holds."""
     shares: list[list[Proposition]] = [[] for _ in groups]
     atoms = [x.atom for x in states]
     for part in [*conjuncts(truth), *terms.obligations]:
@@ -105,7 +105,7 @@ def _cells_by_share(
 
 
 def influence_of_inputs(terms: Terms, root: Proposition, inputs: Sequence[int]) -> arb:
-    """An estimate (no bound) of how far inputs move the numbers that a proposition compares."""
+    """Estimates, without a bound, how far inputs move the numbers that a proposition compares."""
     moved: dict[int, arb] = {}
 
     def width(x: Linear) -> arb:
@@ -130,10 +130,10 @@ def conjunction_of(parts: Sequence[Proposition]) -> Proposition:
 
 
 class Decision:
-    """Evaluates a proposition on boxes of some states; other states are anywhere on their grids.
+    """Evaluates a proposition on boxes of some states; other states range over their grids.
 
     Errors and other topics that it reads are further axes of a box, with `ranges`, so that they are
-    halved with the cell. `reads`: for each state whether the proposition depends on it.
+    halved with the cell. `reads`: for each state, whether the proposition depends on it.
     """
 
     def __init__(
@@ -164,7 +164,7 @@ class Decision:
         return reduce(or_, (self.bits_on_box([*box, *self.ranges]) for box in boxes))
 
     def holds_on_box(self, box: list[tuple[arb, arb]], splits: int) -> bool:
-        """Whether it certainly holds on a box; the box is halved up to `splits` times for that."""
+        """Whether the proposition certainly holds on a box, halved up to `splits` times."""
         return holds_in_parts(
             [*box, *self.ranges], lambda part: self.bits_on_box(part) == HOLDS, splits
         )
@@ -191,10 +191,10 @@ def cells_where_certain(decision: Decision, grid: Grid) -> Cells:
 
 
 class AdmitCheck:
-    """The proposition that a predicate gives AC no control, ready to be asked of blocks of cells.
+    """The proposition that a predicate denies AC control, prepared for blocks of cells.
 
-    It holds where `safe` fails, or the predicate gives control on no estimate of the state: by
-    being true (`admits`), or false. With `anywhere` it does not help that `safe` may fail.
+    It holds if `safe` fails, or if no estimate of the state makes the predicate grant control: by
+    being true (`admits`), or false. With `anywhere` a failing `safe` does not count.
     """
 
     def __init__(
@@ -224,9 +224,9 @@ class AdmitCheck:
 def cells_wrongly_admitted(
     check: AdmitCheck, free: NDArray[np.bool_], block: Block
 ) -> Iterator[Block]:
-    """Cells of a block outside of R where `safe` may hold and the predicate may give AC control.
+    """Yields cells outside R where `safe` may hold and the predicate may give AC control.
 
-    `free`: R, shaped as the grid.
+    `free`: the cells of R, shaped as the grid.
     """
     grid = check.group.grid
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A grid over some states; `edges`: each axis' breakpoints, strictly increasing and finite."""
+    """A grid over some states; `edges` has the breakpoints of each axis, finite and rising."""
 
     edges: tuple[tuple[float, ...], ...]
 
@@ -46,7 +46,7 @@ class Grid:
         return tuple((0, n) for n in self.shape)
 
     def cells_around(self, box: Sequence[float], offset: int = 0) -> Block | None:
-        """The cells that cover a box (low, high, low, ...); None where it leaves the grid."""
+        """The cells that cover a box (low, high, low, ...); None if the box leaves the grid."""
         ranges = []
         for k in range(len(self.edges)):
             found = self.cells_around_interval(k, box[offset + 2 * k], box[offset + 2 * k + 1])
@@ -56,7 +56,7 @@ class Grid:
         return tuple(ranges)
 
     def cells_around_interval(self, axis: int, low: float, high: float) -> tuple[int, int] | None:
-        """(first, last + 1) of the cells that cover an interval; None if it leaves the axis."""
+        """The (first, last + 1) cells that cover an interval; None if it leaves the axis."""
         edges = self.edges[axis]
         if not (low >= edges[0] and high <= edges[-1]):
             return None
@@ -69,34 +69,34 @@ class Grid:
         return [(exact(edges[low]), exact(edges[high])) for edges, (low, high) in pairs]
 
     def block_in_words(self, block: Block) -> str:
-        """The intervals of a block of cells, in words for people."""
+        """The intervals of a block of cells, as text."""
         parts = zip(self.edges, block, strict=True)
         return " x ".join(f"[{e[low]:.6g}, {e[high]:.6g}]" for e, (low, high) in parts)
 
     # ------------------------------------------------------------ beyond ends, where axes have none
 
     def table_continued(self, table: NDArray[Any]) -> NDArray[Any]:
-        """A table of the grid's shape; along axes that wrap around it is followed by itself."""
+        """A table of the grid's shape, repeated along the axes that wrap around."""
         return table
 
     def holds_beyond_ends(self, start: Sequence[tuple[arb, arb]], boxes: Sequence[float]) -> bool:
-        """Whether boxes that enclose runs from `start` hold of runs from beyond axes' ends, too.
+        """Whether boxes that enclose runs from `start` also do so for runs from beyond axis ends.
 
-        `boxes`: low, high, ... of one box after the other. Here no axis is without ends: they do.
+        `boxes`: low, high, ... of all boxes in turn. It is true here, as every axis has ends.
         """
         del start, boxes
         return True
 
     def boxes_covering(self, block: Block, reads: Sequence[bool]) -> list[list[tuple[arb, arb]]]:
-        """Boxes that cover all states of a block; on a grid with ends this is its own box.
+        """Boxes that cover all states of a block; on a grid with ends, only the block's box.
 
-        `reads`: for each axis, whether the question that is asked depends on its state.
+        `reads`: for each axis, whether the question to be asked depends on its state.
         """
         del reads
         return [self.box_of(block)]
 
     def move_onto_axis(self, axis: int, low: float, high: float) -> tuple[float, float]:
-        """An interval of starts, moved onto an axis that wraps around; otherwise unchanged."""
+        """An interval of starts, shifted onto an axis that wraps around, else unchanged."""
         del axis
         return low, high
 
@@ -110,7 +110,7 @@ class Axes:
 
 
 class Cells:
-    """A set of cells of a grid. A summed table tells how many cells of a block belong to it."""
+    """A set of cells of a grid; a summed table counts the members in a block quickly."""
 
     def __init__(self, grid: Grid, members: NDArray[np.bool_]) -> None:
         if members.shape != grid.shape:
@@ -171,7 +171,7 @@ def halves_of_block(block: Block) -> tuple[Block, Block]:
 
 
 def cut_block(block: Block, count: int) -> list[Block]:
-    """A block cut into about `count` blocks."""
+    """Cuts a block into about `count` blocks."""
     blocks = [block]
     while len(blocks) < count:
         largest = max(blocks, key=cell_count)
@@ -188,10 +188,10 @@ def cells_unshown(
     attempt: Callable[[Block, NDArray[np.bool_]], NDArray[np.bool_]],
     largest: int,
 ) -> Iterator[Block]:
-    """The cells of a block that lie in `todo`, shaped as the grid, and that no attempt showed.
+    """Yields the cells of a block that lie in `todo` (shaped as the grid) and that stay unshown.
 
-    `attempt` gets a block of at most `largest` cells and the cells wanted in it; it gives those of
-    them that it showed. Where some are left, it gets smaller blocks.
+    `attempt` gets a block of at most `largest` cells and the wanted cells in it, and returns those
+    that it showed. If some are left, it gets smaller blocks.
     """
     left = todo[block_index(block)].copy()
     base = tuple(low for low, _ in block)
@@ -218,9 +218,9 @@ def cells_unshown(
 def cells_uncovered(
     todo: NDArray[np.bool_], block: Block, attempt: Callable[[Block], bool], largest: int
 ) -> Iterator[Block]:
-    """The cells that `cells_unshown` gives, where an attempt shows a whole block or nothing.
+    """Yields cells as `cells_unshown` does, if an attempt shows a whole block or nothing.
 
-    `todo`: shaped as the grid. What `attempt` shows of a block holds of each of its cells.
+    `todo`: shaped as the grid. `attempt`: true only if all cells of the block are shown.
     """
 
     def attempt_on_full_block(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -232,7 +232,7 @@ def cells_uncovered(
 def holds_in_parts(
     box: list[tuple[arb, arb]], attempt: Callable[[list[tuple[arb, arb]]], bool], splits: int
 ) -> bool:
-    """Whether `attempt` holds of a box, or of all its parts where it is halved `splits` times."""
+    """Whether `attempt` succeeds on a box, or on all parts after up to `splits` halvings."""
     if attempt(box):
         return True
     if splits == 0:

@@ -32,7 +32,7 @@ OF_LEVELS = "S"
 
 
 class ModuleMethod(NamedTuple):
-    """The two functions of a method that proves a module as a whole."""
+    """The two functions of a method that proves a whole module at once."""
 
     check: Callable[[System, dict[str, Any]], tuple[Covered, RecheckedModule]]
     """RejectedError, NotRecheckedError where the entry is not confirmed."""
@@ -48,7 +48,7 @@ def import_grid_group() -> type[GridGroup]:
 
 
 def _import_induction_method() -> ModuleMethod:
-    """Imports the check of inductions; NotRecheckedError where the solver is not installed."""
+    """Imports the induction check. Raises NotRecheckedError if the solver is not installed."""
     if find_spec("z3") is None:
         text = "inductions are checked with `z3-solver`, which is not installed"
         raise NotRecheckedError(f"{text}: {pip_command('prove')}")
@@ -58,7 +58,7 @@ def _import_induction_method() -> ModuleMethod:
 
 
 def import_jump_check() -> Callable[..., tuple[str, str]]:
-    """Imports the function that shows by the solver in which steps a node changes a view."""
+    """Imports the check of whether a node's steps may wrongly change the state of a view."""
     from soter.certificate.induction import handover_jumps  # noqa: PLC0415 - see the head
 
     return handover_jumps.why_jumps_not_shown
@@ -84,7 +84,7 @@ MODULES: dict[str, Callable[[], ModuleMethod]] = {
 
 
 def parts_without_claim(group: Mapping[str, Any], claims: set[str], *, computed: bool) -> list[str]:
-    """The parts of a group on which no claim rests; `computed`: whether predicates are computed."""
+    """The parts of a group that no claim needs; `computed`: whether predicates are computed."""
     if group.get("kind") != "grid":
         return []
     parts = [n for n in group if n in RESTS and not RESTS[n] & claims]
@@ -92,7 +92,7 @@ def parts_without_claim(group: Mapping[str, Any], claims: set[str], *, computed:
 
 
 def refuse_parts_without_claim(groups: Sequence[Any], claims: set[str], *, computed: bool) -> None:
-    """RejectedError for a part of some group on which no claim rests (`parts_without_claim`)."""
+    """Raises RejectedError if a group has a part that no claim needs (`parts_without_claim`)."""
     for group in groups:
         for name in parts_without_claim(group, claims, computed=computed):
             raise RejectedError(f"no claim rests on `{name}` of a group")

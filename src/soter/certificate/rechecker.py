@@ -7,7 +7,7 @@ Non-goals: finding sets or witnesses: there is no search and no fixpoint here, o
 
 The argument: of each module that a manifest names, the problem is read off the program that lies
 beside it (`read_problem`); each figure of the manifest is that of the problem, or a time that is no
-shorter (`compare_figures`); there is one case for every combination of parameter values, the groups
+shorter (`compare_numbers`); there is one case for every combination of parameter values, the groups
 of a case hold each state once (`read_groups`), and every claim is asked of every group
 (`case_check.py`). A claim that is not asked is not confirmed, and whatever raises is not accepted.
 """
@@ -94,9 +94,9 @@ MODULE_KEYS = "system module plants parameters times inputs cases claims recover
 
 
 def recheck(folder: Path, workers: int | None = None) -> Report:
-    """Check the certificate in a folder; `NotACertificateError` where there is none.
+    """Checks the certificate in a folder; raises NotACertificateError if the folder has none.
 
-    `workers`: processes, else one a processor.
+    `workers`: the number of processes, by default one for each processor.
     """
     started = time.perf_counter()
     report = Report()
@@ -126,7 +126,7 @@ def _set_verdict(report: Report) -> None:
 
 
 def reason_in_words(error: Exception) -> str:
-    """Why something was not re-checked, in words, from the error that was raised."""
+    """The reason why something was not re-checked, as text, from the error that was raised."""
     if isinstance(error, NotRecheckedError):
         return str(error)
     if isinstance(error, StepFault):
@@ -185,7 +185,7 @@ def _check_entry(
     entry: dict[str, Any],
     workers: int,
 ) -> RecheckedModule:
-    """Checks the entry of one module, and appends what was read of the program to `covered`."""
+    """Checks the entry of a module, and appends the facts that it read to `covered`."""
     facts: Covered
     methods = [m for key, m in MODULES.items() if isinstance(entry, dict) and key in entry]
     if methods:
@@ -213,7 +213,7 @@ def _module_key(facts: Covered) -> tuple[str, str, str]:
 
 
 def _require_all_views(facts: Covered, covered: list[Covered]) -> None:
-    """RejectedError where a module is proved in some of its views, but not in all of them."""
+    """Raises RejectedError if a module is proved in some of its views, but not in all."""
     if isinstance(facts, Facts) and facts.view:
         key = _module_key(facts)[:2]
         views = [f for f in covered if isinstance(f, Facts) and _module_key(f)[:2] == key]
@@ -224,7 +224,7 @@ def _require_all_views(facts: Covered, covered: list[Covered]) -> None:
 
 @contextmanager
 def _rejecting_malformed(part: str) -> Iterator[None]:
-    """Turns errors that a value of the wrong kind in the manifest causes into a RejectedError."""
+    """Turns errors from malformed values in the manifest into a RejectedError."""
     try:
         yield
     except (KeyError, TypeError, AttributeError, IndexError) as error:
@@ -243,9 +243,9 @@ def _system_of_entry(
 
 
 def read_problem(flat: System, entry: dict[str, Any]) -> Facts:
-    """Reads the problem of the module that an entry names, and checks that we understand all of it.
+    """Reads the problem of the module in an entry, and checks that all of it is understood.
 
-    RejectedError where there is no such module, NotRecheckedError where we do not understand it.
+    Raises RejectedError if the module does not exist, NotRecheckedError if a part is unknown.
     """
     facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
     _read_levels(facts, entry.get("levels", facts.levels))
@@ -257,7 +257,7 @@ def read_problem(flat: System, entry: dict[str, Any]) -> Facts:
 
 
 def _read_levels(facts: Facts, levels: object) -> None:
-    """Enters the manifest's number of levels; RejectedError where the program has another one."""
+    """Enters the number of levels; raises RejectedError if manifest and program differ."""
     if not isinstance(levels, int) or isinstance(levels, bool) or levels < LEVELS_MIN:
         raise RejectedError("`levels` is not as it should be")
     if levels != facts.levels and (facts.symbol.verify.levels is not None or not facts.is_computed):
@@ -275,13 +275,13 @@ class Claimed:
 
 
 def read_claims(certificate: Certificate, facts: Facts, entry: dict[str, Any]) -> Claimed:
-    """Reads the claims, figures and groups of an entry, and compares them with the program.
+    """Reads the claims, numbers and groups of an entry, and compares them with the program.
 
-    RejectedError where they differ, NotRecheckedError where there are too many cases.
+    Raises RejectedError if they differ, NotRecheckedError if the cases are too many.
     """
     claims = proved_claims(entry["claims"])
     with _rejecting_malformed("a module"):
-        compare_figures(facts, entry)
+        compare_numbers(facts, entry)
         parameters = [c["parameter"] for c in entry["cases"]]
     check_static_claims(facts, entry["claims"])
     if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
@@ -364,8 +364,8 @@ def _check_cases(facts: Facts, claimed: Claimed, entry: dict[str, Any], workers:
             case.show_claims()
 
 
-def compare_figures(facts: Facts, entry: dict[str, Any]) -> None:
-    """Enters the ranges of the states; RejectedError where a figure of the manifest differs."""
+def compare_numbers(facts: Facts, entry: dict[str, Any]) -> None:
+    """Enters the ranges of the states; raises RejectedError if a number in the manifest differs."""
     parameters = [{"name": p.name, "values": list(p.values)} for p in facts.parameters]
     if entry["plants"] != [c.name for c in facts.plants]:
         raise RejectedError("the verification plants are others in the program")
@@ -390,7 +390,7 @@ def compare_figures(facts: Facts, entry: dict[str, Any]) -> None:
 def _state_extents(
     facts: Facts, pairs: Iterable[tuple[Any, Input]]
 ) -> Iterator[tuple[float, float]]:
-    """The range of each state by the manifest; RejectedError where an input differs."""
+    """Yields each state's range in the manifest; raises RejectedError if an input differs."""
     for i, (entry, known) in enumerate(pairs):
         require_keys(entry, "name kind low high", "an input")
         if (entry["name"], entry["kind"]) != (known.name, known.kind):
@@ -407,7 +407,7 @@ def _state_extents(
 def read_groups(
     certificate: Certificate, facts: Facts, entries: list[dict[str, Any]]
 ) -> list[GridGroup]:
-    """Reads the groups of a case; RejectedError for wrong ones, NotRecheckedError for new kinds."""
+    """Reads the groups of a case; raises RejectedError, or NotRecheckedError for a new kind."""
     names = {s.name: i for i, s in enumerate(facts.states)}
     groups: list[GridGroup] = []
     for entry in entries:

@@ -39,7 +39,7 @@ IN_FLIGHT = ("P3", "ttf", "safer")
 
 
 class RejectedError(Exception):
-    """A statement of the certificate is false, or its sets do not show what they should show."""
+    """A statement of the certificate is false, or its sets do not show what they must show."""
 
 
 class NotRecheckedError(Exception):
@@ -48,7 +48,7 @@ class NotRecheckedError(Exception):
 
 @dataclass(frozen=True)
 class Doubt:
-    """Why a verdict is not confirmed, with its time, its module, and the estimate that it read."""
+    """The reason why a verdict is not confirmed, with its time, module, and estimate."""
 
     time_ns: int
     module: str
@@ -59,12 +59,12 @@ class Doubt:
 
 @dataclass
 class FlightReport:
-    """One log: how many verdicts said "AC", and how many of these were confirmed.
+    """The result for a log: how many verdicts said "AC", and how many of them were confirmed.
 
-    `modules`: whose verdicts were read; `others`: how many said "SC", which needs no confirmation.
-    `to_ns`: the time up to which the log was read; `cut`: why not to its end, or "". `asked`: how
-    many verdicts were looked at: all, unless Ctrl-C came (`interrupted`). `unlogged`: topics
-    without a message; verdicts that read them are not confirmed. `seconds` of processor time.
+    `modules`: the modules of the verdicts; `others`: how many verdicts said "SC", which needs no
+    check. `to_ns`: the time up to which the log was read; `cut`: why reading stopped early, or "".
+    `asked`: how many verdicts were checked: all, unless Ctrl-C came (`interrupted`). `unlogged`:
+    topics without a message; verdicts that read them are not confirmed. `seconds`: processor time.
     """
 
     log: str
@@ -83,16 +83,16 @@ class FlightReport:
 
     @property
     def verdict(self) -> str:
-        """REJECTED where something in the log is false, ACCEPTED where all is confirmed."""
+        """The verdict: REJECTED if the log is false somewhere, ACCEPTED if all is confirmed."""
         if any(d.kind == CONTRADICTED for d in self.doubts):
             return REJECTED
         return NOT_RECHECKED if self.doubts or self.interrupted else ACCEPTED
 
 
 def missing_properties(claims: dict[str, str], confirmed: list[str]) -> list[str]:
-    """The properties that safety needs and a certificate does not establish; P1c may be assumed.
+    """The safety properties that a certificate does not establish; P1c may be assumed.
 
-    An assumed P1c is H >= H* with delays taken for zero: `check_static_claims` compares them.
+    An assumed P1c is H >= H* with delays taken as zero: `check_static_claims` compares the two.
     """
     held = {*confirmed, *(n for n in ("P1c",) if claims.get(n) == "assumed")}
     return [n for n in SAFETY if n not in held]
@@ -100,7 +100,7 @@ def missing_properties(claims: dict[str, str], confirmed: list[str]) -> list[str
 
 @dataclass(frozen=True)
 class RecheckAssumption:
-    """An assumption in words. `key` names its subject, in the same way in every verdict."""
+    """An assumption as text. `key` names the subject, in the same way in every verdict."""
 
     key: str
     text: str
@@ -108,15 +108,15 @@ class RecheckAssumption:
 
 @dataclass
 class RecheckedModule:
-    """The findings on one module of a system, for these values of the parameters.
+    """The findings about a module of a system, for these values of the parameters.
 
-    `not_rechecked`: why none of its claims was checked; `vacuous`: why they say almost nothing, as
-    AC never has, or keeps, control; `unseen`: why that was not checked. `stays`: the module has
-    `recover never`; `in_flight`: its DM decides by a check in flight, and what that rests on is
-    confirmed. `safe`: as the program writes it. `parameters`: the values that were checked;
-    `otherwise`: other values that the program gives in that system; `contradicted`: a `set` gives
-    them. `times`: in ns, by their names in a manifest, of several plans the first's; `plan_times`:
-    those of each. `shown`: what was confirmed beside the claims.
+    `not_rechecked`: why no claim was checked; `vacuous`: why the claims say almost nothing, as AC
+    never has or keeps control; `unseen`: why that was not checked. `stays`: the module has `recover
+    never`; `in_flight`: its DM decides by a check in flight, and the basis of that is confirmed.
+    `safe`: as in the program. `parameters`: the checked values; `otherwise`: other values in the
+    program for that system; `contradicted`: a `set` gives them. `times`: in ns, by their names in a
+    manifest, with several plans those of the first; `plan_times`: those of each. `shown`: what was
+    confirmed besides the claims.
     """
 
     name: str
@@ -145,17 +145,17 @@ class RecheckedModule:
 
     @property
     def unconfirmed_claims(self) -> list[str]:
-        """The claims that are not confirmed here, each with the verdict of the certificate."""
+        """The claims that are not confirmed here, with their verdicts in the certificate."""
         return [f"{n} ({v})" for n, v in self.claims.items() if n not in self.confirmed]
 
     @property
     def says_nothing_of_law(self) -> bool:
-        """Whether the certificate says nothing of the law of `failsafe`."""
+        """Whether the certificate claims nothing about the law of `failsafe`."""
         return "failsafe" not in (*self.confirmed, *self.unconfirmed_claims)
 
     @property
     def missing(self) -> list[str]:
-        """The properties that safety needs and that are not established; none: it is safe."""
+        """The safety properties that are not established; the module is safe if it is empty."""
         return missing_properties(self.claims, self.confirmed)
 
     @property
@@ -165,18 +165,18 @@ class RecheckedModule:
 
     @property
     def has_return(self) -> bool:
-        """Whether P2b is confirmed: SC gives control back."""
+        """Whether P2b, that SC gives control back, is confirmed."""
         return "P2b" in self.confirmed
 
 
 @dataclass
 class Report:
-    """The verdict, one of `VERDICTS`, and why; `seconds` and cells for people.
+    """The verdict, one of `VERDICTS`, and the reason; `seconds` and cells are for people.
 
-    ACCEPTED says that all claims hold; whether that is safety is said by `safe`. The verdict is
-    about `program`, and the system, module and parameter values of each of `modules`, not about the
-    modules in `not_covered`. The assumptions are derived from the program; of `stated`, the
-    prover's words, only the numbers are taken.
+    ACCEPTED means that all claims hold; `safe` tells whether that is safety. The verdict is about
+    `program` and the system, module and parameter values of each of `modules`, not about the
+    modules in `not_covered`. Assumptions are derived from the program; only the numbers of the
+    prover's `stated` assumptions are used.
     """
 
     verdict: str = NOT_RECHECKED
@@ -205,12 +205,12 @@ class Report:
 
     @property
     def assumptions(self) -> list[str]:
-        """The assumptions of all modules in words, each once."""
+        """The assumptions of all modules as texts, each once."""
         return [a.text for a in self.all_assumptions]
 
     @property
     def assumption_numbers(self) -> dict[str, str]:
-        """The number of each assumption: the prover's in its order, then those that we add."""
+        """Numbers each assumption: the prover's in their order, then those that we add."""
         return numbered_assumptions((a.text for a in self.stated), self.assumptions)
 
     @property
@@ -220,17 +220,17 @@ class Report:
 
     @property
     def modules_decided_in_flight(self) -> list[str]:
-        """The modules of which everything is confirmed except what their DMs decide in flight."""
+        """The modules with all claims confirmed, except claims that DMs decide in flight."""
         return [m.name for m in self.modules if m.lacks_flight_only and m.missing]
 
     @property
     def is_safe_with_flight(self) -> bool:
-        """Whether safety is established, or only waits for what DMs decide in flight."""
+        """Whether safety is established, or only waits for decisions of DMs in flight."""
         return self.accepted and all(m.lacks_flight_only or not m.missing for m in self.modules)
 
     @property
     def why_vacuous(self) -> dict[str, str]:
-        """Module -> why its confirmed claims say almost nothing, where that is so."""
+        """For each module whose confirmed claims say almost nothing, the reason."""
         return {m.name: m.vacuous for m in self.modules if m.vacuous}
 
     @property
@@ -240,5 +240,5 @@ class Report:
 
     @property
     def has_return(self) -> bool:
-        """Whether P2b is confirmed wherever the program asks for it."""
+        """Whether P2b is confirmed for all modules of which the program demands it."""
         return self.accepted and all(m.has_return or m.stays for m in self.modules)

@@ -50,7 +50,7 @@ WITHOUT_ERROR = ("clamp", "sign", "quat_conj")
 
 
 class Covered(Protocol):
-    """The attributes that each covered module's facts have, whatever method proves the module."""
+    """The attributes that the facts of every covered module have, whatever the method of proof."""
 
     flying: System
     flying_module: Module
@@ -62,7 +62,7 @@ class Covered(Protocol):
 
 
 def param_values(system: System) -> dict[str, str]:
-    """Every parameter of the program with the value that it has in a system."""
+    """Maps every parameter of the program to its value in a system."""
     return {name: _value_text(system.program, name, value) for name, value in system.params.items()}
 
 
@@ -74,7 +74,7 @@ def _value_text(program: TypedProgram, name: str, value: Value) -> str:
 
 
 def other_values_in_program(checked: CheckResult, system: System) -> tuple[dict[str, str], bool]:
-    """(parameters to which the program gives another value, by name; whether a `set` gives one).
+    """Parameters with other values in the program, by name, and whether a `set` gives one of these.
 
     The values that were checked are those of `system`.
     """
@@ -97,7 +97,7 @@ def other_values_in_program(checked: CheckResult, system: System) -> tuple[dict[
 def open_questions(
     checked: CheckResult, overrides: Mapping[str, Any], covered: Sequence[Covered]
 ) -> list[RecheckAssumption]:
-    """Assumptions about what a reader might think is covered, and is not."""
+    """Lists the gaps: matters that a reader might wrongly think are covered."""
     gaps = [*_uncovered_modules(checked, overrides, covered)]
     if values := {n: v for f in covered for n, v in param_values(f.flying).items()}:
         shown = ", ".join(f"{n} = {v}" for n, v in values.items())
@@ -112,7 +112,7 @@ def open_questions(
 def _uncovered_modules(
     checked: CheckResult, overrides: Mapping[str, Any], covered: Sequence[Covered]
 ) -> Said:
-    """The modules, in any system of the program, about which the certificate says nothing."""
+    """Yields the modules of all systems of the program that the certificate does not cover."""
     known = {(f.flying.name, f.flying_module.name) for f in covered}
     for name in checked.systems:
         try:
@@ -132,7 +132,7 @@ def _modelled_plants_in(system: System, covered: Sequence[Covered]) -> set[str]:
 
 
 def _plants_of_no_claim(covered: Sequence[Covered]) -> Said:
-    """The plants that no claim is about; each stops where what it drives leaves a declared set."""
+    """Yields the plants that no claim is about; each stops if what it drives leaves its set."""
     for system in dict.fromkeys(f.flying for f in covered):
         modelled = _modelled_plants_in(system, covered)
         for c in system.components:
@@ -147,7 +147,7 @@ def _plants_of_no_claim(covered: Sequence[Covered]) -> Said:
 
 
 def _modelled_plants(facts: Covered) -> set[str]:
-    """The names, in the flying system, of the plants that claims are about, also if abstracted."""
+    """The plants of the flying system that claims are about, also through abstractions."""
     around = name_of_subsystem(facts.flying_module)
     names = {link.instance for link in facts.symbol.verify.abstracts}
     if isinstance(facts, Facts):
@@ -156,7 +156,7 @@ def _modelled_plants(facts: Covered) -> set[str]:
 
 
 def _questions_about_module(facts: Covered) -> Said:
-    """The questions that the claims about a module leave open, each as a key and in words."""
+    """Yields the questions that the claims about a module leave open, as keys and texts."""
     name, system, symbol = facts.flying_module.name, facts.flying, facts.symbol
     for link in symbol.verify.abstracts:
         text = f"whether {link.instance} of system {system.name} conforms to {link.plant.name}"
@@ -178,7 +178,7 @@ def _questions_about_module(facts: Covered) -> Said:
 
 
 def assumptions_of(facts: Facts, jumps: Mapping[str, Any] | None = None) -> list[RecheckAssumption]:
-    """The assumptions about one module; `jumps`: the hand-overs for which a proof was tried."""
+    """The assumptions about a module; `jumps`: the hand-overs for which a proof was tried."""
     links, axes = facts.symbol.verify.abstracts, facts.open_ends or facts.left_out or facts.turning
     parts = (
         extras.views.conformance_assumptions(facts) if links else (),
@@ -197,13 +197,13 @@ def assumptions_of(facts: Facts, jumps: Mapping[str, Any] | None = None) -> list
 
 
 def fitted_number_assumptions(facts: Covered) -> Said:
-    """The assumptions that numbers which were fitted to logs are right."""
+    """Yields the assumptions that numbers fitted to logs are right."""
     for name, held_out in facts.flying.program.identified.items():
         yield f"identified {name}", in_words("identified", name, held_out, held_out + 1)
 
 
 def confirmed_facts(facts: Facts, jumps: Mapping[str, Any]) -> list[RecheckAssumption]:
-    """What was confirmed beside the claims: sets that topics keep to, and hand-overs."""
+    """Lists confirmed facts besides the claims: sets that topics keep, and hand-overs."""
     entries = []
     for index in facts.in_sets:
         if not facts.symbol.verify.abstracts:
@@ -258,9 +258,9 @@ def _input_assumptions(facts: Facts) -> Said:
 
 
 def _unproved_sets(facts: Facts) -> Iterator[str]:
-    """Topics that plants drive and whose declared sets are not shown to be kept, by name.
+    """Yields the driven topics that are not shown to stay in their declared sets.
 
-    This is so for every topic of an abstracted plant, and of a plant outside of the proof.
+    These include all topics of abstracted plants and of plants outside the proof.
     """
     links, names = facts.symbol.verify.abstracts, {c.name for c in facts.plants}
     for index in bounded_topics(facts):
@@ -317,14 +317,14 @@ def _timing_assumptions(facts: Facts) -> Said:
 
 
 def acknowledgement_assumption(symbol: typed.ModuleSymbol) -> Said:
-    """The assumption that is made where a DM gives control back only after a press."""
+    """Yields the assumption for a DM that gives control back only after a button press."""
     if symbol.latch is not None and symbol.latch.topic is not None:
         name = symbol.latch.topic.name
         yield f"acknowledged {name}", in_words("acknowledged", name)
 
 
 def _machine_assumptions(facts: Facts) -> Said:
-    """The assumptions about binary64 and about the prelude functions that are called."""
+    """Yields the assumptions about binary64 and about the prelude functions in use."""
     assert facts.sc.node is not None
     code: list[object] = [*facts.sc.node.step, *facts.symbol.predicates]
     code += [e for c in facts.plants if c.plant is not None for e in plant_code(c.plant)]

@@ -48,7 +48,7 @@ FAILS, HOLDS = 1, 2
 
 
 def why_vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
-    """(why the claims about a module say almost nothing, why that was not checked); else ""."""
+    """Why claims on a module say almost nothing, and why we could not check it; "" if not so."""
     if nothing := why_safe_says_nothing(facts):
         return nothing, ""
     for values, of_case in zip(facts.parameter_combinations(), groups, strict=True):
@@ -70,7 +70,7 @@ def why_vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
 
 
 def why_safe_says_nothing(facts: Facts) -> str:
-    """Why `safe` of a module says nothing of its plants; "" where `safe` may be false."""
+    """Why `safe` of a module says nothing about its plants; "" if `safe` may be false."""
     safe, scope = facts.symbol.safe, facts.module.scope
     if not topic_reads(safe):
         return READS_NOTHING
@@ -78,7 +78,7 @@ def why_safe_says_nothing(facts: Facts) -> str:
 
 
 def _why_ac_may_never_get_control(facts: Facts, values: tuple[int, ...]) -> str:
-    """Why AC may never get control: SC has it at the start, and P2b is not claimed; else ""."""
+    """The reason why AC may never get control if P2b is not claimed; "" if none is found."""
     if not facts.symbol.stay_clause or facts.symbol.safer is None:
         return ""
     safer = _prepare_admit_check(facts, values, facts.symbol.safer, admits=True)
@@ -118,7 +118,7 @@ def _does_ttf_hold_when_fresh(facts: Facts) -> bool:
 def _why_vacuous_on_drawn_states(
     facts: Facts, values: tuple[int, ...], groups: Sequence[GridGroup]
 ) -> tuple[str, str]:
-    """The pair of `why_vacuous`, found by `ttf` and `safer` on estimates of states drawn from K."""
+    """The two texts of `why_vacuous`, found by `ttf` and `safer` on random states from K."""
     ttf, safer = facts.ttf, facts.symbol.safer
     if ttf is None or safer is None:
         return "", "predicates that are not there are not looked at"
@@ -151,14 +151,14 @@ def how_often(count: int) -> str:
 
 
 def share_text(count: int, drawn: int) -> str:
-    """Says on how many of the drawn states something holds."""
+    """Text on how many of the drawn states something holds."""
     return f"on {count or 'none'} of {drawn:,} states drawn from K"
 
 
 def _random_states(
     facts: Facts, chance: np.random.Generator, groups: Sequence[GridGroup]
 ) -> Iterator[NDArray[np.float64]]:
-    """Random states whose parts lie in the K of each group, and otherwise in the states' ranges."""
+    """Yields random states: parts in a group are in its K, all others in the states' ranges."""
     parts = [g.random_points(chance) for g in groups]
     for _ in range(DRAWN):
         x = np.array([chance.uniform(*ends) for ends in facts.extents])

@@ -136,7 +136,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _tell_delays(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
-    """Finds and prints, for `--delay`, how late the commands of each module may act."""
+    """Finds and prints, for `--delay`, how late the commands of each module may take effect."""
     with ProgressBar(console) as progress:
         delays = program.largest_delays(
             args.module, system=args.system, params=dict(args.params), progress=progress
@@ -204,7 +204,7 @@ def _tell_buffers(args: argparse.Namespace, console: Console, program: Program) 
 
 
 def _number_list(text: str, option: str, least: float) -> list[float]:
-    """The numbers in an option's list, each from `least` to LARGEST; UsageError for others."""
+    """The numbers listed in an option, each from `least` to LARGEST; UsageError for others."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:

@@ -90,7 +90,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         how = {
             **keyword_arguments(args, Options),
             "progress": progress,
-            "tell": partial(_tell_missing, console),
+            "tell": partial(_print_missing_evidence, console),
         }
         assurance = program.assure(args.output, **how)
     _say_case(assurance, console)
@@ -106,8 +106,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     return CommandOutcome(code, fields=_document_fields(assurance))
 
 
-def _tell_missing(console: Console, why: str) -> None:
-    """Prints at once why some goals will have no evidence: the rest may take minutes."""
+def _print_missing_evidence(console: Console, why: str) -> None:
+    """Prints at once why some goals will have no evidence, as the rest may take minutes."""
     console.note(f"soter: {visible(why)}; its goals stay undeveloped")
 
 
@@ -142,7 +142,7 @@ def _say_case(assurance: Assurance, console: Console) -> None:
         console.say(f"\nrests on {top.count('assumption')} assumptions, which the page lists")
     else:
         console.say("\nno certificate was accepted: what a proof would rest on is not known")
-    _say_open(assurance, console)
+    _print_open_items(assurance, console)
     if case.conditions is not None:
         console.say(f"{case.conditions.summary}\n")
     console.say("\n".join(f"written  {path}" for path in assurance.files))
@@ -160,8 +160,8 @@ def _verdict_line(assurance: Assurance, console: Console) -> str:
     return word if case.traceability.covered else f"{word}, with open hazards or requirements"
 
 
-def _say_open(assurance: Assurance, console: Console) -> None:
-    """Prints the open hazards and requirements; of open assumptions it prints only their number."""
+def _print_open_items(assurance: Assurance, console: Console) -> None:
+    """Prints the open hazards and requirements; for open assumptions, prints only their number."""
     open_ = assurance.case.traceability.open
     assumptions = sum(item.kind == "assumption" for item in open_)
     others = [item for item in open_ if item.kind != "assumption"]

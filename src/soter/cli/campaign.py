@@ -179,7 +179,7 @@ def _say_hours_flown(campaign: Campaign, console: Console) -> None:
 
 @dataclass(frozen=True)
 class ViolatedFlight:
-    """A flight that violated a property, and whether the faults in it are the cause."""
+    """A flight that violated a property, and whether the faults in it caused the violation."""
 
     flight: FlightOutcome
     blame: FaultAttribution
@@ -187,7 +187,7 @@ class ViolatedFlight:
 
 @dataclass(frozen=True)
 class ExcusingFault:
-    """An outside fault. `flights`: violated, but clean without it alone; `met`: excused with it."""
+    """A fault outside of the assumptions. `flights`: violated only by it; `met`: excused by it."""
 
     flights: int
     met: int
@@ -195,7 +195,7 @@ class ExcusingFault:
 
 @dataclass(frozen=True)
 class CampaignFault:
-    """A fault. `inside`: the assumption that it respects, or None. `times`: None if always."""
+    """A fault. `inside`: the assumption it respects, or None; `times`: None if it always acts."""
 
     fault: str
     inside: str | None
@@ -206,7 +206,7 @@ def _finite_or_none(*numbers: float) -> list[float | None]:
     return [x if isfinite(x) else None for x in numbers]
 
 
-def _kind_of_hours(c: Flown) -> str:
+def _hours_counted(c: Flown) -> str:
     return "all" if c.result.hours_aloft is None else "aloft"
 
 
@@ -289,7 +289,7 @@ FIGURES = (
     "digest=result.digest"
 )
 MADE = {
-    "hours_of": _kind_of_hours,
+    "hours_of": _hours_counted,
     "violations_per_hour": _violations_per_hour,
     "violated_outside": _flights_violated_outside,
     "excused": _excusing_faults,

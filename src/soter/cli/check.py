@@ -30,7 +30,7 @@ HEAD = ("thread", "every", "wcet", "jitter", "starts by", "ends by", "slack")
 
 
 def say_timing(report: TimingReport, console: Console) -> None:
-    """Tells the steps of the trusted thread as a table, its load, and P1c of every module."""
+    """Prints the steps of the trusted thread as a table, its load, and P1c of every module."""
     console.say("\n" + console.table(HEAD, [_thread_row(r) for r in report.rows]))
     share = 100 * report.busy_ns / report.hyperperiod_ns
     bound = "" if report.exact else ", bounds only"
@@ -54,7 +54,11 @@ _WORDS = {
 
 def _thread_row(r: ThreadRow) -> list[str]:
     times = (r.wcet_ns, r.jitter_ns, r.start_ns, r.response_ns, r.slack_ns)
-    return [r.name, show_ns(r.period_ns), *("?" if t is None else show_ns(t) for t in times)]
+    return [
+        r.name,
+        show_ns(r.period_ns),
+        *("?" if t is None else show_ns(t) for t in times),
+    ]
 
 
 TIMING = JsonObject(
@@ -122,7 +126,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _check_file(file: str, args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Checks one file and prints the report; SoterError if it cannot be read."""
+    """Checks one file and prints the report; raises SoterError if it cannot read the file."""
     text = standard_input() if file == "-" else None
     with LineOfProgress(console) as line:
         program = load(file, line) if text is None else load(STDIN, line, text)
@@ -156,12 +160,12 @@ def _say_report(report: CheckReport, console: Console) -> None:
 
 
 def _without_p1c(line: str, timed: set[str]) -> str:
-    """A line about assumptions, without P1c if the times of all its modules prove P1c."""
+    """A line about assumptions; " P1c" is removed if `timed` has all modules of the line."""
     return line.replace(" P1c", "", 1) if {*line.partition(": ")[0].split(", ")} <= timed else line
 
 
 def _step_lines(report: CheckReport) -> list[str]:
-    """Lines for the costliest steps: the most operations and bytes of local variables of each."""
+    """Lines on the most costly steps, with the most operations and bytes of locals each takes."""
     ordered = sorted(report.steps, key=lambda s: -s.operations)
     lines = []
     for s in ordered[:STEPS_SHOWN]:

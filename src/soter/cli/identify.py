@@ -64,7 +64,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Fits, prints, and writes the values if they explain every step; SoterError U001."""
+    """Fits, prints, and writes the values if they explain every step; may raise SoterError U001."""
     from soter.api import identifying  # noqa: PLC0415 - needs NumPy
 
     identifying.require_replaceable(Path(args.output))

@@ -88,7 +88,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             console.write(done.text)
             code = done.exit
         console.flush()
-        return _exit_after_output(code, console)
+        return _exit_code_after_output(code, console)
 
 
 def _run_and_print(
@@ -116,7 +116,7 @@ def _outcome_of_line(name: str | None, arguments: list[str], console: Console) -
     """The outcome of a command line; every exception except `ChildResult` becomes an outcome."""
     try:
         _require_utf8(arguments)
-        _require_own_folder()
+        _require_no_linked_folder()
         return _run_command(name, arguments, console)
     except ChildResult:
         raise
@@ -146,12 +146,12 @@ def _require_utf8(arguments: Sequence[str]) -> None:
             raise UsageError(text, "soter COMMAND ...; soter --help")
 
 
-def _require_own_folder() -> None:
-    """Raises OSError if `.soter`, where commands write, is a link, perhaps made by a stranger."""
+def _require_no_linked_folder() -> None:
+    """Raises OSError if `.soter`, to which commands write, is a link that may lead anywhere."""
     if os.path.lexists(".soter"):
-        from soter.report.atomic_write import own_path, require_no_links  # noqa: PLC0415 - then only
+        from soter.report.atomic_write import path_without_links, require_no_links  # noqa: PLC0415 - then only
 
-        require_no_links(own_path(Path(), ".soter"))
+        require_no_links(path_without_links(Path(), ".soter"))
 
 
 def _run_command(name: str | None, arguments: list[str], console: Console) -> CommandOutcome:
@@ -160,7 +160,7 @@ def _run_command(name: str | None, arguments: list[str], console: Console) -> Co
     rest = list(arguments)
     rest.remove(name)
     if name == "help":
-        return _answer_help(rest, console)
+        return _help_outcome(rest, console)
     if "--json" in rest and format_of(name, rest) is not None:
         raise UsageError("`--format` or `--json`, not both", f"soter {name} ... --format FORMAT")
     if name in COMMANDS:
@@ -187,18 +187,18 @@ def _outcome_of_command(name: str, rest: list[str], console: Console) -> Command
 
 
 def command_module(name: str) -> Command:
-    """The module that implements a command; `help` has none."""
+    """The module that implements a command; `help` has no module."""
     room = "soter.cli.tool" if name in TOOL else "soter.cli"
     return cast("Command", load_module(f"{room}.{name}"))
 
 
 def command_parser(name: str) -> CommandParser:
-    """The parser of a command's line; `help` has none."""
+    """The parser of a command's line; `help` has no parser."""
     return CommandParser(name, command_module(name))
 
 
-def _answer_help(rest: list[str], console: Console) -> CommandOutcome:
-    """Prints for `soter help [COMMAND]` what `--help` would; UsageError for other arguments."""
+def _help_outcome(rest: list[str], console: Console) -> CommandOutcome:
+    """Prints for `soter help [COMMAND]` the text of `--help`; UsageError for other arguments."""
     asked = [a for a in rest if a not in ("--json", "-h", "--help")]
     wrong = next((a for a in asked if a.startswith("-")), "") or "".join(asked[1:2])
     if wrong:
@@ -253,8 +253,8 @@ def _help_text(console: Console) -> str:
     )
 
 
-def _exit_after_output(exit_code: int, console: Console) -> int:
-    """The exit code, or 1 if standard output could not take a result that was fine."""
+def _exit_code_after_output(exit_code: int, console: Console) -> int:
+    """The exit code; 1 if it was 0 but standard output could not take the whole result."""
     error = console.output_error
     if error is None or isinstance(error, BrokenPipeError):
         return exit_code

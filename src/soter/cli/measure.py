@@ -105,7 +105,12 @@ def _say_measurement(measurement: Measured, path: Path, console: Console) -> Non
         return
     shares = [f"{q:g}%" for q, _ in measurement.steps[0].percentiles]
     rows = [
-        [s.name, *(show_ns(ns) for _, ns in s.percentiles), show_ns(s.longest_ns), f"{s.samples}"]
+        [
+            s.name,
+            *(show_ns(ns) for _, ns in s.percentiles),
+            show_ns(s.longest_ns),
+            f"{s.samples}",
+        ]
         for s in measurement.steps
     ]
     console.say(console.table(("step", *shares, "longest", "steps"), rows) + "\n")

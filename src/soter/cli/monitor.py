@@ -69,7 +69,7 @@ RULE = "monitor"
 
 
 def judgement_findings(judged: Sequence[Judgement]) -> tuple[CiFinding, ...]:
-    """A finding for each module: whether its plant, as it was proved, explains every step."""
+    """A finding for each module: whether the plant that was proved explains every step."""
     findings = []
     for j in judged:
         how = f"judged on {j.source}{share_words(j.judged_share)}"
@@ -91,7 +91,7 @@ def judgement_findings(judged: Sequence[Judgement]) -> tuple[CiFinding, ...]:
 
 
 def log_findings(judged: LogJudgement) -> tuple[CiFinding, ...]:
-    """A finding for each module: whether a value it read was outside `safe`; assumptions."""
+    """A finding for each module: whether a value that it read was outside `safe`."""
     findings = []
     for m in judged.modules:
         text = f"{m.module}: {verdict_line(m)}"
@@ -236,7 +236,7 @@ def _say_runs(
     console: Console,
     program: Program,
 ) -> CommandOutcome:
-    """Prints a line for each module in each run, and one for each module over all runs."""
+    """Prints one line for each module in each run, then one for each module over all runs."""
     rows = [
         (str(s), *_module_row(j)) for s, judged in zip(seeds, by_seed, strict=True) for j in judged
     ]
@@ -267,14 +267,14 @@ def _joined_judgement(of: Sequence[Judgement]) -> Judgement:
 def _tell_judgements(
     judged: list[Judgement], args: argparse.Namespace, console: Console, program: Program
 ) -> CommandOutcome:
-    """Tells the judgements of one run or log."""
+    """Prints the judgements of one run or log, and gives the outcome."""
     return _tell_table(judged, (HEAD, [_module_row(j) for j in judged]), args, console, program)
 
 
 def _offset_sections(
     judged: Sequence[Judgement], args: argparse.Namespace
 ) -> Iterator[PageSection]:
-    """Page sections that show over time how far one run's states were from those allowed."""
+    """Page sections that show, over time, how far the states of one run are from those allowed."""
     asked = args.report is not None and len(args.seed) == 1
     for j in (j for j in judged if asked and j.offsets):
         times = JudgedTimes(j.offset_times_s[0], j.offset_times_s[-1], changes=j.modes)
@@ -327,7 +327,7 @@ def _tell_table(
 
 
 def _headline(code: int, part: float, damage: Damage | None, alarms: int) -> str:
-    """The verdict in one line, for the page, and for the terminal if the log is damaged."""
+    """The verdict in one line; the page shows it, and the terminal if the log is damaged."""
     if damage is not None:
         return f"{damage}: {alarms:,} alarms there"
     headlines = {VIOLATED: "the model is false", UNDECIDED: NOTHING}
@@ -337,7 +337,7 @@ def _headline(code: int, part: float, damage: Damage | None, alarms: int) -> str
 def _judge_foreign_log(
     args: argparse.Namespace, logs: list[str], console: Console
 ) -> CommandOutcome:
-    """Judges a log by the mapping of `--map`; SoterError U001 for a `--where` without `=`."""
+    """Judges a log by the mapping of `--map`; SoterError U001 if a `--where` has no `=`."""
     wrong = next((pair for pair in args.where if "=" not in pair), None)
     if wrong is not None:
         raise mistake("U001", f"`--where` is COLUMN=TEXT, not `{wrong}`")
@@ -377,7 +377,7 @@ def _write_report_page(
 
 
 def _headline_tone(code: int, share: float) -> str:
-    """The tone of a page's headline; it is `good` only if the whole record was judged."""
+    """The tone of a page's headline; it is `good` only if the whole record was judged and fine."""
     return "bad" if code == VIOLATED else "good" if code == FINE and share == 1.0 else ""
 
 
@@ -392,7 +392,7 @@ def _seeds_text(args: argparse.Namespace) -> str:
 
 
 def _module_row(j: Judgement) -> tuple[str, ...]:
-    """The cells of a module in the table whose columns are `HEAD`."""
+    """The cells of a module's row in the table with columns `HEAD`."""
     return (
         j.module,
         f"{j.steps:,}",
@@ -408,7 +408,7 @@ def _module_row(j: Judgement) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Monitored:
-    """The result: a monitor's file, judgements of a run or its log, or one of a mapped log."""
+    """The result: the file of a monitor, judgements of a run or log, or that of a mapped log."""
 
     emitted: str | None = None
     judged: tuple[Judgement, ...] = ()

@@ -105,7 +105,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _require_sound(program: str, texts: Mapping[str, str]) -> None:
-    """Raises SoterError U001 if the robot's program has an error with the figures given."""
+    """Raises SoterError U001 if the robot's program has an error with the figures of the caller."""
     loaded = load(program, text=texts[program])
     if not loaded.ok:
         first = next(d for d in loaded.diagnostics if d.severity is Severity.ERROR)
@@ -116,7 +116,7 @@ def _require_sound(program: str, texts: Mapping[str, str]) -> None:
 
 
 def _files_of_log(name: str, args: argparse.Namespace) -> dict[str, str]:
-    """Texts by file name, for a log: a mapping and a program's head; SoterError D016, D007."""
+    """Texts by file name, for a log: a mapping and the head of a program; SoterError D016, D007."""
     drafts, found = load_module("soter.monitor.survey_drafts"), _surveyed_logs(args)
     log = ", ".join(Path(log).name for log in args.logs)
     return {
@@ -141,7 +141,7 @@ def _commands_of_log(folder: Path, name: str, logs: Sequence[str]) -> list[tuple
 
 
 def _checked_name(folder: Path, text: str) -> str:
-    """The robot's name, the last part of the path; SoterError U001, D008, D001."""
+    """The robot's name, which is the last part of the path; SoterError U001, D008 or D001."""
     name = folder.name
     if not NAME.fullmatch(name):
         rule = "letters, digits, - and _, a letter first, 64 characters at most"
@@ -161,7 +161,7 @@ def _filled_template(template: str, names: dict[str, str]) -> str:
 
 
 def _make_folder(folder: Path, texts: dict[str, str]) -> None:
-    """Fills a hidden folder, then renames it to `folder`; after SoterError D006 nothing is left."""
+    """Fills a hidden folder, and renames it to `folder`; removes all of it on SoterError D006."""
     hidden = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}")
     try:
         hidden.mkdir()
@@ -177,7 +177,7 @@ def _make_folder(folder: Path, texts: dict[str, str]) -> None:
 
 
 def _next_commands(folder: Path, name: str, *, kind: bool) -> list[tuple[str, str]]:
-    """The commands to type next, in this order, each with what it does."""
+    """The commands that the user types next, in this order, each with a text on its effect."""
     at, program = shlex.quote(str(folder)), shlex.quote(str(folder / f"{name}.soter"))
     proof = shlex.quote(str(folder / "proof"))
     learned = shlex.quote(f"Learned=c:{folder / 'policy.c'}:policy_step")

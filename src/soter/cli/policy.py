@@ -46,7 +46,7 @@ WIDTH = len("observation")
 
 
 def _size_list(text: str) -> list[float]:
-    """Sizes of observations, finite and not negative; ArgumentTypeError for other text."""
+    """The list of observation sizes, finite and not negative; ArgumentTypeError for other text."""
     try:
         sizes = [float(part) for part in text.split(",")]
     except ValueError:
@@ -126,7 +126,7 @@ def _read_policy(path: Path, statistics: str | None) -> Policy:
 
 
 def _input_box(policy: Policy, within: list[float] | None) -> tuple[Doubles, Doubles] | None:
-    """The bounds of observations from `--within`, else from the file; None if neither has them."""
+    """The bounds of observations from `--within`, or else from the file; None if it has none."""
     import numpy as np  # noqa: PLC0415 - as above
 
     if within is None:

@@ -108,7 +108,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Checks the certificate and prints the verdict; SoterError U001 for a page inside of it."""
+    """Checks the certificate, prints the verdict; SoterError U001 for a page inside its folder."""
     report_file = None
     if args.report is not None:
         report_file = report_path(args.report, args.folder, ENDING)
@@ -143,7 +143,7 @@ def _exit_code(report: Report) -> int:
 
 
 def _colour_and_verdict(report: Report, folder: str) -> tuple[str, str]:
-    """The colour of the verdict, and the verdict as a line of text."""
+    """The colour of the verdict, and a line of text with the verdict."""
     if not report.accepted:
         colour = "red" if report.verdict == REJECTED else "yellow"
         return colour, f"{report.verdict.upper()}  {folder}"
@@ -306,7 +306,7 @@ def _parameter_text(module: RecheckedModule, name: str) -> str:
 
 
 def _module_name(module: RecheckedModule, report: Report) -> str:
-    """The name of a module, behind its system's name if another module has the same name."""
+    """The name of a module; "system.name" if another module has the same name."""
     several = sum(m.name == module.name for m in report.modules) > 1
     return f"{module.system}.{module.name}" if several else module.name
 

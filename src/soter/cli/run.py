@@ -74,7 +74,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Runs the system, prints the summary and writes log and report."""
     program = opened_program(args, console)
     if program.externs:
-        fork_into_child(console, lambda process: _mend_logs(args, process))
+        fork_into_child(console, lambda process: _repair_logs(args, process))
     first_seed = args.seed
     if args.flight is not None:
         args.seed = (args.seed + args.flight) % 2**64
@@ -101,7 +101,7 @@ def _simulate(
 
 
 def _campaign_folder(program: Program, args: argparse.Namespace, first_seed: int) -> Path:
-    """The default folder of the campaign to which the flight to repeat belongs."""
+    """The default folder of the campaign that has the flight to repeat."""
     flat = program.flat(args.system, dict(args.params))
     own_folder = load_module("soter.api.campaigning").own_folder
     return cast("Path", own_folder(flat, program.path, args.until, first_seed))
@@ -140,7 +140,7 @@ def _are_one_file(log: str, report: str) -> bool:
 
 
 def _default_file_name(args: argparse.Namespace, system: System) -> str:
-    """A file name from program, system, seed, arm and parameters, so different runs keep theirs."""
+    """A file name made of program, system, seed, arm and parameters, so that runs differ in it."""
     parts = [Path(args.file).stem, system.name, str(args.seed)]
     parts[2:] = [Path(args.recorded).stem] if args.recorded is not None else parts[2:]
     parts += [args.arm] if args.arm else []
@@ -152,7 +152,7 @@ def _default_file_name(args: argparse.Namespace, system: System) -> str:
 
 
 def _path_of_output(args: argparse.Namespace, system: System, kind: str, ending: str) -> str:
-    """The path of the log or report (`kind`): as given, else the default name in the folder."""
+    """The path of the log or report (`kind`): the path that the user set, or else the default."""
     path: str = getattr(args, kind)
     if path == OWN_PLACE:
         return str(Path(args.output) / f"{_default_file_name(args, system)}{ending}")
@@ -160,7 +160,7 @@ def _path_of_output(args: argparse.Namespace, system: System, kind: str, ending:
 
 
 def _new_run_log(args: argparse.Namespace) -> RunLog | None:
-    """The writer that fills the log during the run; None without `--log`."""
+    """The log that the run fills while it flies; None without `--log`."""
     if args.log is None:
         return None
     from soter.simulate.run_log import RunLog  # noqa: PLC0415 - an extra
@@ -168,8 +168,8 @@ def _new_run_log(args: argparse.Namespace) -> RunLog | None:
     return RunLog(lambda system: Path(_path_of_output(args, system, "log", ".mcap")), __version__)
 
 
-def _mend_logs(args: argparse.Namespace, process: int) -> tuple[str, ...]:
-    """Repairs logs that the dead process `process` left unfinished; one sentence for each."""
+def _repair_logs(args: argparse.Namespace, process: int) -> tuple[str, ...]:
+    """Repairs the logs that the dead process `process` did not finish; gives sentences on them."""
     if args.log is None:
         return ()
     from soter.report.atomic_write import files_left_by  # noqa: PLC0415 - only after a crash
@@ -188,7 +188,7 @@ def _mend_logs(args: argparse.Namespace, process: int) -> tuple[str, ...]:
 def _write_files(
     program: Program, result: Run, args: argparse.Namespace, log: RunLog | None, console: Console
 ) -> tuple[dict[str, str], tuple[Diagnostic, ...]]:
-    """Paths of the written files by kind, and diagnostics for those that could not be written."""
+    """Paths of the written files by kind, and a diagnostic for each file that was not written."""
     written: dict[str, str] = {}
     problems: list[Diagnostic] = []
     if log is not None:

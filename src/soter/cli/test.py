@@ -71,7 +71,7 @@ def findings_of_tests(report: ExploreReport) -> tuple[CiFinding, ...]:
 def write_problems_as_junit(
     file: str, why: SoterError, path: str, warnings: tuple[Diagnostic, ...]
 ) -> None:
-    """Writes as JUnit XML why no test was explored; `SoterError` D006 if it cannot be written."""
+    """Writes the errors that kept the tests from running as JUnit XML; or SoterError D006."""
     try:
         write_text(junit_of_problems(file, (*warnings, *why.diagnostics)), path)
     except SoterError as error:
@@ -131,7 +131,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def progress_text(looked: object) -> str:
-    """How far a search has come, as text: `Late  1,204,000 states, 1.4 M/s, depth 55, 9.6 MB`."""
+    """The progress of a search as text: `Late 1,204,000 states, 1.4 M/s, depth 55, 9.6 MB`."""
     from soter.explore.search_options import SearchProgress  # noqa: PLC0415 - loaded above, too
 
     assert isinstance(looked, SearchProgress)
@@ -160,7 +160,7 @@ def _say_report(report: ExploreReport, console: Console) -> None:
 
 
 def _summary_lines(report: ExploreReport, console: Console) -> list[str]:
-    """A line for each test, then what holds for all of them."""
+    """A line for each test, then lines on results that hold for all tests."""
     width = max(map(len, (*(test.name for test in report.tests), *report.not_started)))
     lines = ["all tests"]
     for test in report.tests:
@@ -177,7 +177,7 @@ def _summary_lines(report: ExploreReport, console: Console) -> list[str]:
 
 
 def _verdict_words(test: TestResult) -> tuple[str, str, str]:
-    """The verdict in a word, the colour of that word, and further words or ""."""
+    """The verdict in a word, the colour of that word, and a further text or ""."""
     if test.verdict == "violated":
         assert test.broken is not None
         return "VIOLATED", "red", test.broken.text
@@ -248,7 +248,7 @@ def _figures_text(test: TestResult) -> str:
 
 
 def _coverage_lines(test: TestResult, console: Console) -> list[str]:
-    """Lines for how much was reached, what was never reached, and what in the test cannot fail."""
+    """Lines on how much was reached, names not reached, and parts of the test that cannot fail."""
     from soter.report.wording import visible  # noqa: PLC0415 - needs NumPy
 
     parts = [(name, part) for name, part in test.coverage.kinds_by_name() if part.total]
@@ -263,7 +263,7 @@ def _coverage_lines(test: TestResult, console: Console) -> list[str]:
 
 
 def _other_violation_lines(test: TestResult, console: Console) -> list[str]:
-    """Lines about a further property that can be violated, with its trace."""
+    """Lines about another property that can be violated, with a trace."""
     word, colour, text = _verdict_words(test)
     head = f"{console.paint('bold', 'also')}  {console.paint(colour, word)}  {text}"
     return [head, "", *_trace_lines(test, console)] if test.replayed is not None else [head]

@@ -120,7 +120,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     _save_refuting_runs(report)
     printed, fields = _printed_report(report), DOCUMENT.of(report)
     printed.print_to(console)
-    _say_files(report, args, console)
+    _print_written_files(report, args, console)
     paths = [str(p) for p in written]
     if args.write and (path := write_hints(report, console)) is not None:
         paths += [path] if path not in paths else []
@@ -139,7 +139,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _prove(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, tuple[Path, ...]]:
-    """Proves the modules; gives the verdicts, and the files of controllers synthesized first."""
+    """Proves the modules; gives the verdicts, and the files of controllers synthesized before."""
     program = warn_of_extern_files(loaded_program(args, console), console)
     choices: Any = {"module": args.module, "system": args.system, "params": dict(args.params)}
     written: tuple[Path, ...] = ()
@@ -162,7 +162,7 @@ def _prove(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, tu
 
 
 def _cache_key(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
-    """The options on which the outcome depends; () if the outcome may not be stored or reused."""
+    """The options on which the outcome depends; () if the outcome must not be stored or reused."""
     if not console.own_process or args.synthesize or args.bindings or args.write:
         return ()
     asked = (args.module, args.system, args.params, args.no_refute, args.budget)
@@ -172,7 +172,7 @@ def _cache_key(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
 def _tell_stored(
     args: argparse.Namespace, words: tuple[str, ...], console: Console
 ) -> CommandOutcome | None:
-    """Prints and gives the outcome stored for exactly these options; None if there is none."""
+    """Prints and gives the outcome stored for exactly these options; None if none is stored."""
     files = (args.cert, args.report, args.format)
     stored = stored_outcome(args.file, words) if words and not any(files) else None
     if stored is None:
@@ -234,8 +234,8 @@ def _printed_report(report: VerifyReport) -> Printout:
     return printed
 
 
-def _say_files(report: VerifyReport, args: argparse.Namespace, console: Console) -> None:
-    """Prints which files were written, and what the certificate does not claim."""
+def _print_written_files(report: VerifyReport, args: argparse.Namespace, console: Console) -> None:
+    """Prints the paths of the written files, and notes on claims the certificate leaves out."""
     for kind in ("cert", "report"):
         if getattr(args, kind):
             console.say(f"\n{kind:<7} {getattr(args, kind)}")
@@ -248,7 +248,7 @@ def _say_files(report: VerifyReport, args: argparse.Namespace, console: Console)
 
 
 def _coverage_lines(report: VerifyReport) -> list[str]:
-    """Lines for what the verdicts cover (parameters, equal systems) and what they do not."""
+    """Lines on the cases that the verdicts cover (parameters, equal systems), and on all others."""
     coverage, lines = report.coverage, []
     if coverage.params:
         values = ", ".join(f"{name} = {value}" for name, value in coverage.params)
@@ -265,7 +265,7 @@ def _coverage_lines(report: VerifyReport) -> list[str]:
 
 
 def _print_joint_verdict(report: VerifyReport, printed: Printout) -> None:
-    """Prints the verdict on all modules together, and who guarantees what each module assumes."""
+    """Prints the joint verdict on all modules, and the reason for each of their assumptions."""
     from soter.report.tables import Styled  # noqa: PLC0415 - needs NumPy
     from soter.verify.scope import composed_assumptions_of  # noqa: PLC0415 - what is stored needs none
 
@@ -283,7 +283,7 @@ def _print_joint_verdict(report: VerifyReport, printed: Printout) -> None:
 
 
 def _open_clauses_text(report: VerifyReport, taken: list[ComposedAssumption]) -> str:
-    """Words on what the verdict on all modules together leaves open; "" if nothing."""
+    """Words on the assumptions that the joint verdict leaves open; "" if it leaves none open."""
     assumed = sum(t.open and not t.promised for t in taken)
     promised = sum(t.open and t.promised for t in taken)
     clauses = []
@@ -299,7 +299,7 @@ def _open_clauses_text(report: VerifyReport, taken: list[ComposedAssumption]) ->
 
 
 def _certificate_lines(report: VerifyReport) -> list[str]:
-    """Lines for modules of which the certificate claims less than a full proof."""
+    """Lines on modules for which the certificate claims less than a full proof."""
     from soter.verify.claims.results import UNCLAIMED  # noqa: PLC0415 - what is stored needs none
 
     lines = []
@@ -362,7 +362,7 @@ def _print_table(module: ModuleResult, printed: Printout) -> None:
 
 
 def _detail_lines(module: ModuleResult, printed: Printout) -> list[str]:
-    """Lines with shares of the grid, notes, and where and why something is not proved."""
+    """Lines with shares of the grid and notes, and where and why a property is not proved."""
     from soter.verify.claims.results import NO_CORE  # noqa: PLC0415 - what is stored needs none
 
     names = {"core": "K", "free": "R(H)", "lets_ac": "not ttf", "gives_back": "safer"}
@@ -426,7 +426,7 @@ def _run_times(run: LeavingRun) -> list[float]:
 
 
 def _run_states(run: LeavingRun) -> dict[str, list[float]]:
-    """By name of a state: its values along the run."""
+    """By name of a state: the values of that state along the run."""
     return {name: run.states[:, i].tolist() for i, name in enumerate(run.names)}
 
 

@@ -44,7 +44,7 @@ UNARY_CALLS = {"sqrt": "sqrt", "floor": "floor", "abs": "fabs"}
 
 @dataclass(frozen=True)
 class StepBranch:
-    """One side of an `if` in the step of a component; its position in the list is its number."""
+    """One side of an `if` in the step of a component; a branch is numbered by its list position."""
 
     component: str
     span: Span
@@ -54,9 +54,9 @@ class StepBranch:
 
 @dataclass
 class BranchChoices:
-    """The way to draw a step's choices; `branches` collects the sides of its `if` statements.
+    """How to draw the choices of a step; `branches` collects the sides of its `if` statements.
 
-    `chance`: choices are random, as the driver's `answer` is not for them (an extern plant).
+    `chance`: choices are random, as the driver's `answer` does not offer them (an extern plant).
     """
 
     component: str
@@ -90,11 +90,11 @@ class Body(Places):
         self._return_code: tuple[c.CStmt, ...] = ()
 
     def output_place(self, output: int) -> c.CExpr:
-        """The C place of an output's value until the step commits it."""
+        """The C place that holds an output's value until the step commits the value."""
         return self.place_of(output_name(output))
 
     def flag_of(self, output: int) -> c.Name:
-        """The C flag that says whether the step has published an output."""
+        """The C flag that is true if the step has published an output."""
         return c.Name(f"has_{self.outputs[output]}")
 
     # ------------------------------------------------------------ functions
@@ -164,7 +164,7 @@ class Body(Places):
         return c.Cast("int64_t", e) if s is not None and s.c_type == "uint32_t" else e
 
     def _choice_expr(self, e: core.Select) -> c.CExpr:
-        """The C `?:` of a choice; nested ones of an enum, which C makes `int`, are cast to it."""
+        """The C `?:` of a choice; casts a nested choice of an enum, as C makes it an `int`."""
         made = c.Ternary(self.expr(e.condition), self.expr(e.then), self.expr(e.otherwise))
         nested = any(isinstance(x, core.Select) for x in (e.then, e.otherwise))
         return (
@@ -228,12 +228,12 @@ class Body(Places):
     def translate_block(self, statements: tuple[core.Stmt, ...], *after: object) -> list[c.CStmt]:
         """The C of these statements.
 
-        A temporary that neither they nor `after` read is marked as unused, against warnings.
+        A temporary that neither the statements nor `after` read gets a mark against warnings.
         """
         return list(self._c_block(statements, self.names_used((statements, after))))
 
     def translate(self, s: core.Stmt, used: set[str]) -> list[c.CStmt]:
-        """The C of one statement; `used`: the temporaries that something reads."""
+        """The C of one statement; `used`: the temporaries that any code reads."""
         made = self._translate_one(s, used)
         return self.with_saved_value(s, made) if self.in_place else made
 
@@ -257,8 +257,11 @@ class Body(Places):
             if self._leave_flag is not None and is_leave_check(s.condition, self._leave_flag):
                 return list(self._c_block(s.then, used))
             condition = self.expr(s.condition)
-            then = (*self._count_branch(s, taken=True), *self._c_block(s.then, used))
-            otherwise = (*self._count_branch(s, taken=False), *self._c_block(s.otherwise, used))
+            then = (*self._branch_count_call(s, taken=True), *self._c_block(s.then, used))
+            otherwise = (
+                *self._branch_count_call(s, taken=False),
+                *self._c_block(s.otherwise, used),
+            )
             return [c.IfStmt(condition, then, otherwise)]
         if isinstance(s, core.Loop):
             body = self._c_block(s.body, used)
@@ -334,11 +337,11 @@ class Body(Places):
         return [c.Assign(target, self.types.as_stored(t, value) if s.path else value)]
 
     def _unused_mark(self, name: str) -> list[c.CStmt]:
-        """In place of `x = x`, a mark that keeps compilers from warning that `x` is unused."""
+        """A mark in place of `x = x`, so that compilers do not warn that `x` is unused."""
         return [c.Unused(self.c_name(name))] if self.has_place(name) else []
 
-    def _count_branch(self, s: core.If, *, taken: bool) -> list[c.CStmt]:
-        """The C call that counts this side of an `if`; none without coverage."""
+    def _branch_count_call(self, s: core.If, *, taken: bool) -> list[c.CStmt]:
+        """The C call that counts this side of an `if`; [] without coverage."""
         if self.choices is None or self.choices.branches is None:
             return []
         number = c.Number(f"{len(self.choices.branches)}U")
@@ -390,7 +393,7 @@ class Body(Places):
         return self._declaration(s.name, s.type, call, const=True)
 
     def _index_bound(self, limit: core.Expr) -> c.CExpr:
-        """The bound of an index; for a list the length, but at most the capacity, for compilers."""
+        """The bound of an index; for a list, the length, which C limits to the capacity."""
         e = self.expr(limit)
         if not isinstance(limit, core.Length):
             return e

@@ -103,7 +103,7 @@ AT_FILE_LEVEL = HEADERS.union(
 def why_not_linkable(name: str, *, node: bool) -> str:
     """Why generated code cannot call a user's C function of this name; "" if it can.
 
-    `node`: it is bound to an extern node, with a signature that no function of `math.h` has.
+    `node`: the function is bound to an extern node, so its signature is not that in `math.h`.
     """
     if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) is None:
         return "no function of C can be called so"
@@ -133,7 +133,7 @@ def has_meaning(name: str) -> bool:
 def program_prefix(stem: str) -> str:
     """The prefix of all C names of a program, made from the name of its source file.
 
-    It is not the name of a C header, and does not begin with `soter`, which is the run-time's.
+    The prefix is no name of a C header, and does not begin with `soter`, as the run-time does.
     """
     prefix = legal_name(stem)
     if prefix in HEADERS or prefix.lower().startswith("soter"):
@@ -165,8 +165,8 @@ def local_name(text: str, prefix: str) -> str:
 def field_name(text: str) -> str:
     """The C name of a struct member; different names stay different, and none is `pad_`.
 
-    The name of a hidden local has a space, which becomes `_`; a program's own name of that form
-    then gets one more `_`.
+    A hidden local's name has a space, which becomes `_`; a name in the program that looks like the
+    result gets one more `_`.
     """
     name = legal_name(text)
     if _RESERVED.fullmatch(name):
@@ -179,7 +179,7 @@ def field_name(text: str) -> str:
 
 
 class UniqueNames:
-    """Hands out names of one name space, each once."""
+    """Hands out the names of one name space, and each name only once."""
 
     def __init__(self, taken: frozenset[str] = frozenset()) -> None:
         self._taken = set(taken)
@@ -196,18 +196,18 @@ class UniqueNames:
 
 
 class FileNames:
-    """Hands out names of file level: `prefix_name`, each once."""
+    """Hands out names of file level, `prefix_name`, each name only once."""
 
     def __init__(self, prefix: str, taken: tuple[str, ...]) -> None:
         self.prefix = prefix
         self._taken = {f"{prefix}_{name}" for name in taken}
 
     def __call__(self, text: str) -> str:
-        """A new name made from `text`; it begins with the prefix, once."""
+        """A new name made from `text`; it begins with the prefix."""
         return self.new_family(text, ())
 
     def new_family(self, text: str, endings: tuple[str, ...]) -> str:
-        """A new name, such that it with each of these endings is new as well."""
+        """A new name that stays new if any of these endings is added to it."""
         base = legal_name(text)
         if not base.startswith(self.prefix + "_"):
             base = f"{self.prefix}_{base}"

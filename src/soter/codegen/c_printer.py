@@ -182,7 +182,7 @@ def declaration_text(type_: str, name: str) -> str:
 
 
 def wrapped_lines(line: str, depth: int) -> Iterator[str]:
-    """Yields a line that may be megabytes long, wrapped at spaces outside of strings."""
+    """Yields the lines of a long line, wrapped at spaces outside of strings."""
     pad = "  " * depth + "    "
     begin, at = "", 0
     while len(begin) + len(line) - at > WIDTH:
@@ -197,7 +197,7 @@ def wrapped_lines(line: str, depth: int) -> Iterator[str]:
 
 
 def _break_place(begin: str, line: str, at: int) -> int:
-    """The place in `line` at which to wrap `begin` + `line[at:]`; -1 if there is none."""
+    """The index in `line` at which to wrap `begin` + `line[at:]`; -1 if it cannot be wrapped."""
     size = 2 * WIDTH
     while True:
         cut, sure = _last_space(begin + line[at : at + size])
@@ -207,9 +207,9 @@ def _break_place(begin: str, line: str, at: int) -> int:
 
 
 def _last_space(line: str) -> tuple[int, bool]:
-    """The last space before WIDTH, behind the indent and outside of strings; -1 for none.
+    """The index of the last space before WIDTH, behind the indent, outside of strings; else -1.
 
-    The second value says whether that stays so whatever follows `line`.
+    The second value is true if the index is the same for every text that begins with `line`.
     """
     start = len(line) - len(line.lstrip()) + 8
     inside, best = False, -1
@@ -329,7 +329,7 @@ def _table_lines(item: c.TableDef) -> Iterator[str]:
 
 @lru_cache(maxsize=1)
 def _text_of_bytes() -> tuple[str, ...]:
-    """Each byte as text within a C string; `?`, which might begin a trigraph, as a number."""
+    """Each byte as text in a C string; as a number if it is `?`, which might begin a trigraph."""
     shown = [chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in range(256)]
     return tuple(shown)
 

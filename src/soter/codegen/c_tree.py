@@ -67,7 +67,7 @@ class Binary(CExpr):
 
 @node()
 class Ternary(CExpr):
-    """c ? a : b."""
+    """A choice: c ? a : b."""
 
     condition: CExpr
     then: CExpr
@@ -76,7 +76,7 @@ class Ternary(CExpr):
 
 @node()
 class CallExpr(CExpr):
-    """f(a, b)."""
+    """A call: f(a, b)."""
 
     function: str
     arguments: tuple[CExpr, ...]
@@ -84,7 +84,7 @@ class CallExpr(CExpr):
 
 @node()
 class Member(CExpr):
-    """target.name; of what a pointer points to, pointer->name."""
+    """A member: target.name, or pointer->name if the target is `*pointer`."""
 
     target: CExpr
     name: str
@@ -92,7 +92,7 @@ class Member(CExpr):
 
 @node()
 class Arrow(CExpr):
-    """target->name."""
+    """A member through a pointer: target->name."""
 
     target: CExpr
     name: str
@@ -100,7 +100,7 @@ class Arrow(CExpr):
 
 @node()
 class IndexExpr(CExpr):
-    """target[index]."""
+    """An element: target[index]."""
 
     target: CExpr
     index: CExpr
@@ -108,7 +108,7 @@ class IndexExpr(CExpr):
 
 @node()
 class Cast(CExpr):
-    """(type)operand."""
+    """A cast: (type)operand."""
 
     type: str
     operand: CExpr
@@ -116,14 +116,14 @@ class Cast(CExpr):
 
 @node()
 class Initializer(CExpr):
-    """{ .a = 1, .b = 2 } or { 1, 2 }; with a type, a compound literal."""
+    """An initializer { .a = 1, .b = 2 } or { 1, 2 }; with a type, a compound literal."""
 
     items: tuple[tuple[str | None, CExpr], ...]
     type: str | None = None
 
 
 def named_fields(**values: CExpr) -> Initializer:
-    """An initializer that gives these members of a struct their values, in this order."""
+    """An initializer that sets these members of a struct to these values, in this order."""
     return Initializer(tuple(values.items()))
 
 
@@ -155,21 +155,21 @@ class Assign(CStmt):
 
 @node()
 class Do(CStmt):
-    """An expression for its effect."""
+    """An expression that is evaluated for its effect."""
 
     expression: CExpr
 
 
 @node()
 class Unused(CStmt):
-    """Marks a name as unused on purpose: `(void)name;`; not printed where the body reads it."""
+    """Marks a name as unused on purpose: `(void)name;`; left out if the body reads the name."""
 
     name: str
 
 
 @node()
 class IfStmt(CStmt):
-    """if (c) { ... } else { ... }."""
+    """A branch: if (c) { ... } else { ... }."""
 
     condition: CExpr
     then: tuple[CStmt, ...]
@@ -178,7 +178,7 @@ class IfStmt(CStmt):
 
 @node()
 class For(CStmt):
-    """for (int64_t name = low; name < high; name++) { ... }."""
+    """A loop: for (int64_t name = low; name < high; name++) { ... }."""
 
     name: str
     low: CExpr
@@ -205,7 +205,7 @@ class Comment(CStmt):
 
 @node()
 class CTop(Node):
-    """Anything at file level."""
+    """Any item at file level."""
 
 
 @node()
@@ -224,7 +224,7 @@ class Section(CTop):
 
 @node()
 class Include(CTop):
-    """#include; system headers in angle brackets."""
+    """An #include; names of system headers stand in angle brackets."""
 
     path: str
     system: bool = False
@@ -232,14 +232,14 @@ class Include(CTop):
 
 @node()
 class Guarded(CTop):
-    """An include guard around everything after it."""
+    """An include guard around all items after it."""
 
     macro: str
 
 
 @node()
 class Define(CTop):
-    """#define name value."""
+    """A macro: #define name value."""
 
     name: str
     value: str
@@ -275,7 +275,7 @@ class Alias(CTop):
 
 @node()
 class FunctionDef(CTop):
-    """A function; `doc` is the comment above it. An inline one need not be called (soter.h)."""
+    """A function; `doc` is the comment above it. An inline function may stay uncalled (soter.h)."""
 
     result: str
     name: str
@@ -300,7 +300,7 @@ class VariableDef(CTop):
 
 @node()
 class TableDef(CTop):
-    """A table as a static const union of a value and its bytes, which compilers read fast."""
+    """A table as a static const union of a value and its bytes; compilers read bytes fast."""
 
     type: str
     name: str
@@ -322,7 +322,7 @@ _NAME = re.compile(r"[A-Za-z_]\w*")
 
 
 def names_read(root: object) -> Iterator[str]:
-    """Yields the names that a piece of C reads, in order, without those that it only assigns."""
+    """Yields the names that a piece of C reads, in order; leaves out names that it only assigns."""
     stack = [root]
     while stack:
         node = stack.pop()
@@ -354,7 +354,7 @@ INT64 = "int64_t"
 
 
 def without_branches(f: FunctionDef) -> FunctionDef:
-    """The function with bit masks for each `if` whose sides assign one int64_t each."""
+    """The function, with bit masks for each `if` in which each side only assigns one int64_t."""
     if f.body is None:
         return f
     names = {s.name for s in _statements_in(f.body) if isinstance(s, Declare) and s.type == INT64}
@@ -371,14 +371,14 @@ def _statements_in(block: tuple[CStmt, ...]) -> Iterator[CStmt]:
 
 
 class _MaskRewriter:
-    """Puts masks in the place of `if` statements, and numbers the masks of one function."""
+    """Replaces `if` statements of one function by masks, and numbers the masks."""
 
     def __init__(self, int64_names: set[str]) -> None:
         self._int64_names = int64_names
         self._count = 0
 
     def rewritten_block(self, block: tuple[CStmt, ...]) -> Iterator[CStmt]:
-        """Yields the statements of a block, with masks for each `if` that allows them."""
+        """Yields the statements of a block, with masks in place of each `if` that allows it."""
         for s in block:
             if isinstance(s, For):
                 yield replace(s, body=tuple(self.rewritten_block(s.body)))

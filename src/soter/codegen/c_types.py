@@ -67,7 +67,7 @@ class TypeTable:
         return self.stored_type(t)
 
     def stored_type(self, t: Type) -> str:
-        """The C type of a value in memory; the first use of a struct defines it."""
+        """The C type of a value in memory; its first use defines the struct."""
         s = scalar(t)
         if s is not None:
             return s.c_type
@@ -113,7 +113,7 @@ class TypeTable:
     # ------------------------------------------------------------ values
 
     def constant(self, t: Type, value: Value, name: str | None = None) -> c.CExpr:
-        """The C of a constant; one that is no scalar is defined once, as a static object."""
+        """The C of a constant; a constant that is no scalar is defined once, as a static object."""
         if scalar(t) is not None:
             return scalar_constant(t, value)
         key = (t, repr(value))
@@ -172,7 +172,7 @@ class TypeTable:
     # ------------------------------------------------------------ canonical form
 
     def commit_value(self, target: c.CExpr, t: Type, e: c.CExpr) -> list[c.CStmt]:
-        """Assigns a value to a place in the state, with every NaN of it in the one form."""
+        """Assigns a value to a place in the state, and gives each NaN in it the same bits."""
         if scalar(t) is not None:
             return [c.Assign(target, self._canonical_scalar(t, e))]
         return [c.Assign(target, e), *self._make_canonical(t, target)]
@@ -183,7 +183,7 @@ class TypeTable:
         return self.as_stored(t, e)
 
     def _make_canonical(self, t: Type, e: c.CExpr) -> list[c.CStmt]:
-        """Statements that give every NaN of a stored value the one form."""
+        """Statements that give every NaN in a stored value the same bits."""
         if isinstance(t, FloatType):
             return [c.Assign(e, self._canonical_scalar(t, e))]
         if not any(isinstance(leaf, FloatType) for _, leaf in leaves(t)):
@@ -306,9 +306,9 @@ def aggregate_initializer(
     part: Callable[[Type, Any], c.CExpr],
     name: str | None = None,
 ) -> c.CExpr:
-    """The initializer of a record, array or list, a compound literal if it has the type's `name`.
+    """The initializer of a record, array or list; a compound literal if `name` is set.
 
-    `part` makes the C of each element, given its type and the element.
+    `name` is the name of the C type; `part` makes the C of an element from its type and value.
     """
     if isinstance(t, RecordType):
         pairs = zip(t.fields, elements, strict=True)
@@ -341,7 +341,7 @@ def int_number(value: int) -> c.CExpr:
 
 
 def float_number(value: float) -> c.CExpr:
-    """The C of a double, which reads back to the same bits."""
+    """The C literal of a double; reading it gives the same bits."""
     if value != value:  # noqa: PLR0124 - NaN
         return c.Cast("double", c.Name("NAN"))
     if math.isinf(value):

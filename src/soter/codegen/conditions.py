@@ -63,9 +63,9 @@ _WATCHED: ContextVar[list[tuple[tuple[Decision, ...], Path]] | None] = ContextVa
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition: its function, the line of the C, and the texts of decision and condition.
+    """A condition: its function, its line in the C, and the texts of decision and condition.
 
-    `of`: the function's comment, with its line of the program; `key`: the same in every unit.
+    `of`: the comment of the function, with the line in the program; `key`: equal in all units.
     """
 
     function: str
@@ -82,7 +82,7 @@ def functions_of(file: c.CFile) -> dict[str, c.FunctionDef]:
 
 
 def functions_called(functions: dict[str, c.FunctionDef], roots: Sequence[str]) -> set[str]:
-    """The functions `roots`, and those that they call, directly or through others."""
+    """The functions `roots`, and all functions that they call, directly or through others."""
     found: set[str] = set()
     left = [name for name in roots if name in functions]
     while left:
@@ -119,7 +119,7 @@ def conditions_of(file: c.CFile, text: str) -> list[Condition]:
             line = text.count("\n", 0, at) + 1
             at += 1
             number = counted[shown] = counted.get(shown, -1) + 1
-            for k, condition in enumerate(_joined_conditions(decision)):
+            for k, condition in enumerate(_conditions_in(decision)):
                 key = (f.name, f"{number} {shown}", k)
                 found.append(Condition(f.name, f.doc, line, shown, expr_text(condition), key))
     return sorted(found, key=lambda x: x.line)
@@ -135,12 +135,12 @@ def _is_logic(e: object) -> bool:
     return (isinstance(e, c.Binary) and e.op in LOGIC) or (isinstance(e, c.Unary) and e.op == "!")
 
 
-def _joined_conditions(e: c.CExpr) -> Iterator[c.CExpr]:
+def _conditions_in(e: c.CExpr) -> Iterator[c.CExpr]:
     if isinstance(e, c.Binary) and e.op in LOGIC:
-        yield from _joined_conditions(e.left)
-        yield from _joined_conditions(e.right)
+        yield from _conditions_in(e.left)
+        yield from _conditions_in(e.right)
     elif isinstance(e, c.Unary) and e.op == "!":
-        yield from _joined_conditions(e.operand)
+        yield from _conditions_in(e.operand)
     else:
         yield e
 
@@ -152,14 +152,14 @@ class _Counting:
         self.function, self.made, self.first = function, made, len(made)
 
     def watched(self, f: c.FunctionDef) -> c.FunctionDef:
-        """The function with local counters, as it may run in several threads."""
+        """The function with local counters, as several threads may run it."""
         body = self.with_counters(f.body)
         numbers = range(self.first, len(self.made))
         counters = tuple(c.Declare("uint64_t", _counter_name(k), c.Number("0U")) for k in numbers)
         return replace(f, body=(*counters, *body))
 
     def with_counters(self, node: Any) -> Any:  # noqa: ANN401 - any piece of C
-        """The same piece of C, with calls that count its decisions."""
+        """The same piece of C, with added calls that count its decisions."""
         if isinstance(node, tuple):
             return tuple(map(self.with_counters, node))
         if isinstance(node, c.IfStmt):
@@ -179,10 +179,10 @@ class _Counting:
         return node
 
     def counted_decision(self, e: c.CExpr) -> c.CExpr:
-        """The decision, with calls that count it and its conditions."""
+        """The decision with added calls, which count it and its conditions."""
         number = len(self.made)
         self.made.append((self.function, e))
-        atoms = list(_joined_conditions(e))
+        atoms = list(_conditions_in(e))
         if len(atoms) > CONDITIONS_MAX:
             return e
         seen, at = c.Unary("&", c.Name(_counter_name(number))), iter(range(len(atoms)))
@@ -193,11 +193,13 @@ class _Counting:
             if isinstance(x, c.Unary) and x.op == "!":
                 return c.Unary("!", counted(x.operand))
             number_of_condition = c.Number(f"{next(at)}U")
-            return c.CallExpr("soter_condition", (seen, number_of_condition, self._count_inside(x)))
+            return c.CallExpr(
+                "soter_condition", (seen, number_of_condition, self._with_counts_inside(x))
+            )
 
         return c.CallExpr("soter_outcome", (seen, c.Number(f"{number}U"), counted(e)))
 
-    def _count_inside(self, x: c.CExpr) -> c.CExpr:
+    def _with_counts_inside(self, x: c.CExpr) -> c.CExpr:
         """The condition, with calls that count the decisions inside it, such as in an argument."""
         if isinstance(x, c.Binary):
             return c.Binary(x.op, self.with_counters(x.left), self.with_counters(x.right))
@@ -214,7 +216,7 @@ def _counter_name(number: int) -> str:
 
 @contextmanager
 def watching() -> Iterator[Callable[[], dict[tuple[str, str], set[Vector]]]]:
-    """Counts conditions of C generated in this block; the function gives all evaluations so far."""
+    """Counts conditions of C generated in this block; yields a function that gives all counts."""
     libraries: list[tuple[tuple[Decision, ...], Path]] = []
     token = _WATCHED.set(libraries)
     try:
@@ -224,7 +226,7 @@ def watching() -> Iterator[Callable[[], dict[tuple[str, str], set[Vector]]]]:
 
 
 def print_with_counters(file: c.CFile, include: str) -> tuple[str, tuple[Decision, ...]]:
-    """The printed file, and the decisions that it counts; without counters outside `watching`."""
+    """The printed file with counters, and the decisions counted; no counters outside `watching`."""
     if _WATCHED.get() is None:
         return print_file(file), ()
     made: list[Decision] = []
@@ -237,9 +239,9 @@ def print_with_counters(file: c.CFile, include: str) -> tuple[str, tuple[Decisio
 
 
 def note_library(decisions: tuple[Decision, ...], path: Path) -> None:
-    """Notes which library counts these decisions, and clears its counters.
+    """Notes the library that counts these decisions, and clears its counters.
 
-    A process that loads a library twice has one copy of its counters.
+    If a process loads a library twice, both share one copy of the counters.
     """
     libraries = _WATCHED.get()
     if libraries is None or not decisions or any(path == known for _, known in libraries):
@@ -271,7 +273,7 @@ def _shown_evaluations(
 
 
 def why_unshown(vectors: set[Vector], condition: int) -> str:
-    """Why runs do not show that a condition decides by itself (MC/DC), in words; "" if they do."""
+    """Why runs do not show that a condition decides alone (MC/DC), in words; "" if they do."""
     bit = 1 << condition
     values = {bool(true & bit) for seen, true, _ in vectors if seen & bit}
     if len(values) < 2:

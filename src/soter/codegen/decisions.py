@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def switch_function(frame: Frame) -> c.FunctionDef:
-    """The C function of the switching logic, over facts; `verify/deploy/dm_check.py` tries all."""
+    """The C function of the switching logic; `verify/deploy/dm_check.py` tries all arguments."""
     ac, sc = c.Name("SOTER_AC"), c.Name("SOTER_SC")
     ttf, stale, safer = c.Name("ttf"), c.Name("stale"), c.Name("safer")
     unsafe = c.Binary("||", c.Binary("||", ttf, stale), c.Name("gate_fault"))
@@ -86,7 +86,7 @@ def decision_functions(frame: Frame, decision: core.Decision, name: str) -> list
 
 
 def _stale_condition(system: System, module: Module) -> c.CExpr:
-    """The C condition that an input is too old, or that two are too far apart in time."""
+    """The C condition that an input is too old, or that two inputs are too far apart in time."""
 
     def is_later_by(one: c.CExpr, other: c.CExpr, most: int) -> c.CExpr:
         return c.Binary(">", c.Binary("-", one, other), int_number(most))
@@ -101,7 +101,7 @@ def _stale_condition(system: System, module: Module) -> c.CExpr:
 
 
 def _is_ttf_not_safer(module: Module) -> bool:
-    """Whether `ttf` is `!safer`, so that C computes only one of the two, as both may be slow."""
+    """Whether `ttf` is `!safer`; C then computes only one of the two, as both may be slow."""
     ttf, safer = module.symbol.ttf, module.symbol.safer
     return isinstance(ttf, TypedUnary) and ttf.op == "!" and ttf.operand is safer
 
@@ -109,7 +109,7 @@ def _is_ttf_not_safer(module: Module) -> bool:
 def _compute_predicates(
     frame: Frame, decision: core.Decision, name: str, module: Module
 ) -> list[c.CStmt]:
-    """Computes `ttf` and `safer`, and counts in `nan_looks` the steps in which either met a NaN."""
+    """Computes `ttf` and `safer`; `nan_looks` counts the steps in which either met a NaN."""
     opposite = _is_ttf_not_safer(module)
     parts = [("ttf", decision.ttf), ("safer", decision.safer)][: 1 if opposite else 2]
     if decision.goods:
@@ -136,7 +136,7 @@ def _compute_predicates(
 
 
 def _find_good_plan(frame: Frame, module: Module, calls: list[c.CExpr]) -> list[c.CStmt]:
-    """Looks for a plan whose call is true, that of the last verdict first; else `ttf` is true."""
+    """Tries the plan of the last verdict, then others, until a call is true; else `ttf` is true."""
     assert module.plan is not None
     last, plan, ttf = c.Name("last"), c.Name("plan"), c.Name("ttf")
     numbers = [int_number(k) for k in range(len(calls))]
@@ -204,7 +204,7 @@ def _return_mode(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> li
 
 
 def _store_look(frame: Frame, module: Module) -> list[c.CStmt]:
-    """Stores the values from which `margin` is computed: looks left, and the time of this step."""
+    """Stores the values that `margin` is computed from: looks left, and the time of this step."""
     if module.looked is None:
         return []
     unsafe: c.CExpr = c.Name("ttf")
@@ -219,13 +219,13 @@ def _store_look(frame: Frame, module: Module) -> list[c.CStmt]:
 def predicate_function(
     frame: Frame, p: core.Predicate, name: str, doc: str, *, unsafe: bool, negate: bool = False
 ) -> c.FunctionDef:
-    """The C function of a predicate over the state; after a fault it returns `unsafe`."""
+    """The C function of a predicate over the state; it returns `unsafe` after a fault."""
     failed = c.Name("true" if unsafe else "false")
     return _state_function(frame, p, name, doc, ("bool", failed), negate=negate)
 
 
 def number_function(frame: Frame, p: core.Predicate, name: str, doc: str) -> c.FunctionDef:
-    """The C function of a float over the state; after a fault it returns NaN."""
+    """The C function of a float over the state; it returns NaN after a fault."""
     return _state_function(frame, p, name, doc, ("double", float_number(nan)))
 
 
@@ -258,7 +258,7 @@ def _state_function(
 
 
 def _note_nan(p: core.Predicate) -> list[c.CStmt]:
-    """Sets `nan_seen` after a NONFINITE fault; in a predicate only a compared NaN raises one."""
+    """Sets `nan_seen` after a NONFINITE fault, which in a predicate only a compared NaN raises."""
     if not p.maybe_nan:
         return []
     was = c.Binary("==", c.Name("status"), c.Name("SOTER_NONFINITE"))

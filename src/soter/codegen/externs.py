@@ -56,7 +56,7 @@ def answer_fields(component: Component) -> tuple[tuple[str, Type], ...]:
 def struct_def(
     frame: Frame, layout: Struct, name: str, comment: str, *, topics: bool = False
 ) -> c.StructDef:
-    """A C struct with the members of `layout`; `topics`: it is the struct of all topics."""
+    """A C struct with the members of `layout`; `topics`: whether it is the struct of all topics."""
     members = [
         c.StructMember(
             frame.types.stored_type(m.type),
@@ -70,7 +70,7 @@ def struct_def(
 
 
 def extern_declarations(frame: Frame, core: CoreSystem, names: dict[int, str]) -> list[c.CTop]:
-    """The C structs that externs read and answer, and the prototypes of linked functions."""
+    """The C structs that externs read and that they answer, and prototypes of linked functions."""
     declarations: list[c.CTop] = []
     for x in frame.system.components:
         if not x.extern:
@@ -157,7 +157,7 @@ def is_linked(f: Function) -> bool:
 
 
 def linked_bindings(frame: Frame, core: CoreSystem) -> Iterator[tuple[str, Span, bool]]:
-    """Yields each binding to C, its place in the source, and whether it is that of a node."""
+    """Yields each binding to C, its place in the source, and whether it belongs to a node."""
     for x in frame.system.components:
         if x.extern and x.node is not None and (x.binding or "").startswith("c:"):
             assert x.binding is not None
@@ -183,7 +183,7 @@ def caller_of_symbol(
 ) -> c.FunctionDef:
     """A function that only calls `symbol`, so that no name in its scope hides `symbol`.
 
-    The user chose that name: it may be `answer`, which is also a parameter of steps.
+    The user chose the name `symbol`, which may be `answer`, a parameter of steps.
     """
     renamed = tuple((t, f"{n}_" if n == symbol else n) for t, n in parameters)
     call = c.CallExpr(symbol, tuple(c.Name(n) for _, n in renamed))
@@ -218,9 +218,9 @@ def clean_answer(t: Type, e: c.CExpr, depth: int = 0) -> list[c.CStmt]:
 def move_to_ends(
     t: Type, bounds: Sequence[Bound | None], e: c.CExpr, depth: int = 0
 ) -> list[c.CStmt]:
-    """Statements that move floats which float32 has rounded beyond an end of their set to that end.
+    """Statements that move a float back to the end of its set if float32 rounded it beyond the end.
 
-    `bounds` has one for each leaf of `t`. An end that float32 keeps or rounds inward needs none.
+    `bounds` has a bound for each leaf of `t`. An end that float32 rounds inward needs nothing.
     """
     if isinstance(t, FloatType):
         return [] if bounds[0] is None else _move_float_to_ends(bounds[0], e)
@@ -242,7 +242,7 @@ def move_to_ends(
 def _move_array_to_ends(
     t: ArrayType, bounds: Sequence[Bound | None], e: c.CExpr, depth: int
 ) -> list[c.CStmt]:
-    """`move_to_ends` for an array: a loop if all elements have the same bounds, else one by one."""
+    """`move_to_ends` for an array: a loop if all elements have the same bounds, else each alone."""
     size = sum(1 for _ in leaves(t.element))
     groups = [tuple(bounds[k * size : (k + 1) * size]) for k in range(t.size)]
     at = c.Member(e, "at")
@@ -275,7 +275,7 @@ def _check_within(e: c.CExpr, low: int, high: int, *, unsigned: bool) -> list[c.
 
 
 def _check_int(t: IntType, e: c.CExpr) -> list[c.CStmt]:
-    """Checks an int against its type, unless its storage has no other values."""
+    """Checks that an int is in its type, unless its storage allows no other values."""
     storage = scalar(t)
     assert storage is not None
     low, high = next((k[2], k[3]) for k in INT_KINDS if k[4] == storage.c_type)

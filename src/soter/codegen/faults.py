@@ -32,7 +32,7 @@ SLOT, TIME = c.Name("slot"), c.Name("t")
 
 
 def fault_names(system: System) -> list[str]:
-    """The names of the tables of a system's faults, without the program's prefix."""
+    """The names of the fault tables of a system, without the program's prefix."""
     numbers = range(len(system.faults))
     return [f"fault_{i}" for i in numbers] + [f"lateness_{i}" for i in numbers]
 
@@ -53,11 +53,13 @@ def fault_definitions(frame: Frame, names: Mapping[int, str]) -> list[c.CTop]:
             ("apart", c.Name("true" if f.apart else "false")),
         )
         declarations.append(c.VariableDef("soter_chance", _chance(frame, i), c.Initializer(fields)))
-        if _is_lateness(f):
+        if _is_unslotted_lateness(f):
             times = c.Initializer(tuple((None, int_number(int(x))) for x in f.amount))
             declarations.append(c.VariableDef("int64_t", _lateness(frame, i), times, array=True))
     moved = sorted({f.component for f in frame.system.faults if f.changes_releases})
-    declarations += [_release_time(frame, frame.system.components[k], names) for k in moved]
+    declarations += [
+        _release_time_function(frame, frame.system.components[k], names) for k in moved
+    ]
     lasting = sorted({f.component for f in frame.system.faults if f.kind == "overrun"})
     declarations += [
         _overrun_function(frame, frame.system.components[k], names[k]) for k in lasting
@@ -76,7 +78,7 @@ def _lateness(frame: Frame, number: int) -> str:
     return f"{frame.prefix}_lateness_{number}"
 
 
-def _is_lateness(f: Fault) -> bool:
+def _is_unslotted_lateness(f: Fault) -> bool:
     return f.kind == "late" and f.slot_ns == 0
 
 
@@ -84,7 +86,9 @@ def _fault_call(frame: Frame, number: int, function: str, *more: c.CExpr) -> c.C
     return c.CallExpr(function, (HEADER, c.Unary("&", c.Name(_chance(frame, number))), *more))
 
 
-def _release_time(frame: Frame, component: Component, names: Mapping[int, str]) -> c.FunctionDef:
+def _release_time_function(
+    frame: Frame, component: Component, names: Mapping[int, str]
+) -> c.FunctionDef:
     """The C function that gives the time of a component's release; SOTER_NEVER if it is lost."""
     nominal, release = c.Name("nominal"), c.Name("release")
     period = int_number(component.period_ns)
@@ -105,11 +109,11 @@ def _release_time(frame: Frame, component: Component, names: Mapping[int, str]) 
     ]
     for i, f in faults:
         if f.on is not None:
-            body += _wait_for(frame.system.components[f.on], names[f.on])
+            body += _wait_statements(frame.system.components[f.on], names[f.on])
         elif f.kind == "skip":
             active = _fault_call(frame, i, "soter_fault_active", nominal, period)
             body.append(c.IfStmt(active, (lost,)))
-        elif _is_lateness(f):
+        elif _is_unslotted_lateness(f):
             times = (c.Name(_lateness(frame, i)), c.Number(f"{len(f.amount)}U"))
             late = _fault_call(frame, i, "soter_fault_late", *times, release)
             body.append(c.Assign(TIME, c.Binary("+", TIME, late)))
@@ -124,8 +128,8 @@ def _release_time(frame: Frame, component: Component, names: Mapping[int, str]) 
     return c.FunctionDef("int64_t", name, parameters, tuple(body), doc)
 
 
-def _wait_for(other: Component, name: str) -> list[c.CStmt]:
-    """Delays `t` until the last release of `other` whose nominal time is no later."""
+def _wait_statements(other: Component, name: str) -> list[c.CStmt]:
+    """Delays `t` until the last release of `other` that is nominally no later than this release."""
     phase, period, since = int_number(other.phase_ns), int_number(other.period_ns), c.Name("since")
     happens = c.CallExpr(f"{name}_happens", (c.Name("state"), c.Binary("/", since, period)))
     since_then = c.Binary(">=", since, c.Number("0"))
@@ -174,8 +178,10 @@ def _order_function(frame: Frame) -> c.FunctionDef:
 # ---------------------------------------------------------------- values
 
 
-def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
-    """Changes the outputs that a step is about to publish, by the faults of its component."""
+def disturb_outputs(
+    frame: Frame, component: Component, outputs: tuple[core.Output, ...]
+) -> list[c.CStmt]:
+    """The C that changes outputs just before publication, by the faults of the component."""
     statements: list[c.CStmt] = []
     places = {o.topic: k for k, o in enumerate(outputs)}
     period = int_number(component.period_ns)
@@ -218,7 +224,7 @@ def _faulty_leaf(
     *,
     is_float: bool,
 ) -> c.CExpr:
-    """The C of a leaf's new value; `values`: the C of the output's, and of the topic's so far."""
+    """The C of a leaf's new value; `values`: the C of the output's value and of the topic's."""
     i, leaf = fault_and_leaf
     old, now = values
     if f.kind == "stuck":
@@ -246,7 +252,7 @@ def _clipped(target: c.CExpr, bound: Bound) -> c.CExpr:
 
 
 def scaled_draw(frame: Frame, component: Component, disturbance: int, drawn: c.CExpr) -> c.CExpr:
-    """A drawn leaf of a disturbance, multiplied by the factors of the faults that are active."""
+    """A drawn leaf of a disturbance, multiplied by the factors of all active faults."""
     by: c.CExpr | None = None
     period = int_number(component.period_ns)
     for i, f in enumerate(frame.system.faults):

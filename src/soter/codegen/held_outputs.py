@@ -24,16 +24,16 @@ PARAMETERS = (("void *", "state"),)
 def hold_outputs(
     frame: Frame, component: Component, outputs: tuple[core.Output, ...]
 ) -> list[c.CStmt]:
-    """Stores a step's outputs in `held`; the kernel draws the time until they take effect."""
+    """Stores a step's outputs in `held`; the kernel draws when they take effect."""
     statements: list[c.CStmt] = [_empty_held_topic(frame, component)]
     published = c.Unary("*", c.Name("published"))
     for k, output in enumerate(outputs):
         note = c.Assign(published, c.Binary("|", published, c.Number(f"{1 << k}U")))
         keep = (
-            c.Assign(_held_part(frame, component, "has", k), c.Number("1")),
-            c.Assign(_held_part(frame, component, "at", k), CT),
+            c.Assign(_held_field(frame, component, "has", k), c.Number("1")),
+            c.Assign(_held_field(frame, component, "at", k), CT),
             c.Assign(
-                _held_part(frame, component, "out", k),
+                _held_field(frame, component, "out", k),
                 frame.types.as_stored(output.type, frame.body.output_place(k)),
             ),
         )
@@ -50,9 +50,9 @@ def effect_function(
     component_state = c.IndexExpr(c.Arrow(S, "components"), c.Number(str(component.index)))
     stores = [
         c.IfStmt(
-            _held_condition(frame, component, k),
+            _is_held_condition(frame, component, k),
             (
-                c.Assign(frame.topic_place(output.topic), _held_part(frame, component, "out", k)),
+                c.Assign(frame.topic_place(output.topic), _held_field(frame, component, "out", k)),
                 c.Assign(stamp_place(output.topic), CT),
                 *frame.push_to_queues(output.topic),
             ),
@@ -81,10 +81,10 @@ def exchange_function(
         )
         swaps: list[c.CStmt] = []
         for type_, kept, topic, part in pairs:
-            held = _held_part(frame, component, part, k)
+            held = _held_field(frame, component, part, k)
             swaps.append(c.Declare(type_, kept, topic, const=True))
             swaps += [c.Assign(topic, held), c.Assign(held, c.Name(kept))]
-        body.append(c.IfStmt(_held_condition(frame, component, k), tuple(swaps)))
+        body.append(c.IfStmt(_is_held_condition(frame, component, k), tuple(swaps)))
     doc = f"what {component.name} holds and what the topics have change places"
     return c.FunctionDef("void", f"{name}_exchange", PARAMETERS, tuple(body), doc)
 
@@ -95,10 +95,10 @@ def _empty_held_topic(frame: Frame, component: Component) -> c.CStmt:
     return c.Assign(frame.topic_place(component.held), frame.types.default_constant(t))
 
 
-def _held_part(frame: Frame, component: Component, purpose: str, k: int) -> c.CExpr:
+def _held_field(frame: Frame, component: Component, purpose: str, k: int) -> c.CExpr:
     assert component.held is not None
     return c.Member(frame.topic_place(component.held), field_name(f"{purpose}_{k}"))
 
 
-def _held_condition(frame: Frame, component: Component, k: int) -> c.CExpr:
-    return c.Binary("!=", _held_part(frame, component, "has", k), c.Number("0U"))
+def _is_held_condition(frame: Frame, component: Component, k: int) -> c.CExpr:
+    return c.Binary("!=", _held_field(frame, component, "has", k), c.Number("0U"))

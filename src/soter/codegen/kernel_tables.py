@@ -49,20 +49,20 @@ def init_function(frame: Frame, name: str) -> c.FunctionDef:
 
 
 def _set_initial(frame: Frame, target: c.CExpr, t: Type, value: Value) -> list[c.CStmt]:
-    if value == default_value(t) and _is_zero(t, value):
+    if value == default_value(t) and _is_all_zero(t, value):
         return []
     constant = frame.types.constant(t, value, "initial")
     return frame.types.commit_value(target, t, constant)
 
 
-def _is_zero(t: Type, value: Value) -> bool:
+def _is_all_zero(t: Type, value: Value) -> bool:
     """Whether all bytes of a default value are zero."""
     if isinstance(t, FloatType):
         return str(value) == "0.0"
     if isinstance(t, RecordType):
-        return all(_is_zero(f, v) for (_, f), v in zip(t.fields, value, strict=True))
+        return all(_is_all_zero(f, v) for (_, f), v in zip(t.fields, value, strict=True))
     if isinstance(t, ArrayType):
-        return all(_is_zero(t.element, v) for v in value)
+        return all(_is_all_zero(t.element, v) for v in value)
     return not value
 
 
@@ -207,7 +207,7 @@ class TableEmitter:
 
 
 def _contract_fields(p: Property) -> dict[str, c.CExpr]:
-    """The fields of a contract in its table row: when it is judged; none for other properties."""
+    """The fields that say in a contract's table row when it is judged; {} for other properties."""
     if p.component is None:
         return {}
     when = "SOTER_BEFORE_STEP" if p.kind == "assumes" else "SOTER_AFTER_STEP"

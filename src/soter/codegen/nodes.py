@@ -15,7 +15,7 @@ from soter.codegen.body import BranchChoices
 from soter.codegen.c_names import field_name
 from soter.codegen.c_types import FAULT
 from soter.codegen.externs import clean_answer, linked_name, move_to_ends
-from soter.codegen.faults import disturb
+from soter.codegen.faults import disturb_outputs
 from soter.codegen.held_outputs import hold_outputs
 from soter.codegen.plants_and_inputs import declare_choices
 from soter.codegen.queues import check_queues, clear_lost_queues, empty_queue
@@ -56,9 +56,9 @@ def node_step_function(
 
 
 def _body_to_plan(frame: Frame, component: Component, step: core.NodeStep) -> PlannedBody | None:
-    """The body whose storage is planned; None for an extern.
+    """The body of a step for the storage plan; None for an extern.
 
-    Without outputs that a fault may change, bursts, or commands that a shield proposes.
+    It has no outputs if a fault may change them, one is a burst, or a shield moves commands.
     """
     if component.extern:
         return None
@@ -80,11 +80,11 @@ def _step_statements(
 ) -> list[c.CStmt]:
     """The statements of a step: first those that may fault, then those that change the state.
 
-    The C loads the locals and checks that no queue lost a value; a takeover, the body, the faults
-    that the system injects, the checks of outputs and the shield follow. After a fault in these it
-    returns, with locals as they were. Then it stores the locals, empties the queues that were read,
-    and publishes the outputs, or holds them if the step takes time. An extern answers before its
-    queues are checked, as in the interpreter.
+    The C loads the locals and checks that no queue lost a value. Next come a takeover, the body,
+    the faults that the system injects, the checks of outputs, and the shield. If any of these
+    faults, the step returns, and the locals are unchanged. Then the C stores the locals, empties
+    the queues it read, and publishes the outputs, or holds them if the step takes time. An extern
+    answers before its queues are checked, as in the interpreter.
     """
     foreign = component.extern
     frame.body.choices = BranchChoices(component.name, None if foreign else frame.branches)
@@ -104,7 +104,7 @@ def _step_statements(
             *takeover,
             *frame.body.translate_block(step.body),
         ]
-    body += disturb(frame, component, step.outputs)
+    body += disturb_outputs(frame, component, step.outputs)
     body += frame.check_outputs(step.outputs)
     if step.shield is not None:
         body += frame.body.translate_block(step.shield.body)
@@ -134,7 +134,7 @@ def _take_extern_answer(
     takeover: list[c.CStmt],
     loss_checks: list[c.CStmt],
 ) -> list[c.CStmt]:
-    """Takes an extern's answer; `takeover` runs before linked C that has locals, else after it."""
+    """Takes an extern's answer; `takeover` runs first only for linked C that has locals."""
     if frame.is_linked(component):
         answers = _call_linked(frame, component, step, name)
     else:
@@ -152,7 +152,7 @@ def _take_extern_answer(
 def _store_shield_memory(frame: Frame, step: core.NodeStep) -> list[c.CStmt]:
     """Stores the commands of a step for its shield.
 
-    It stores published ones only if outputs are enabled (OE; rule n1), proposed ones always.
+    It always stores proposed commands, but published ones only if outputs are enabled (rule n1).
     """
     shield = step.shield
     if shield is None:
@@ -227,7 +227,7 @@ def _commit_linked_local(frame: Frame, copy: core.LocalCopy) -> list[c.CStmt]:
 def _take_driver_answer(
     frame: Frame, component: Component, step: core.NodeStep, name: str
 ) -> list[c.CStmt]:
-    """Takes an extern node's outputs from the driver's answer; without an answer it faults."""
+    """Takes an extern node's outputs from the driver's answer; raises a fault without an answer."""
     node = component.node
     assert node is not None
     got = c.Name("got")

@@ -15,7 +15,7 @@ from soter.codegen.body import BranchChoices, stream_key
 from soter.codegen.c_names import field_name
 from soter.codegen.c_types import float_number, int_number
 from soter.codegen.externs import clean_answer, move_to_ends
-from soter.codegen.faults import disturb, leaf_place, scaled_draw
+from soter.codegen.faults import disturb_outputs, leaf_place, scaled_draw
 from soter.codegen.state_access import (
     CT,
     HEADER,
@@ -52,14 +52,14 @@ DRAW_PARAMETERS = (("void *", "state"), ("const void *", "answer"))
 
 
 def draw_arguments(stream: str) -> tuple[c.CExpr, ...]:
-    """The first C arguments of a draw that a driver may answer."""
+    """The first arguments, in C, of a draw that a driver may answer."""
     return (HEADER, c.Name("answer"), stream_key(stream))
 
 
 def uniform_draw(
     stream: str, index: c.CExpr, low: float, high: float, *, chance: bool = False
 ) -> c.CExpr:
-    """The C that draws a float from [low, high]; with `chance` no driver may answer it."""
+    """The C that draws a float from [low, high]; a driver may answer it unless `chance`."""
     bounds = (float_number(low), float_number(high))
     if chance:
         return c.CallExpr("soter_draw", (HEADER, stream_key(stream), index, *bounds))
@@ -97,7 +97,7 @@ def assemble(types: TypeTable, t: Type, values: object) -> c.CExpr:
 
 
 def declare_choices(component: Component, statements: tuple[core.Stmt, ...]) -> list[c.CStmt]:
-    """Declares the variables by which choices are drawn: their count, the release's number."""
+    """Declares the variables that draw choices: the count so far and the number of the release."""
     if not any(isinstance(n, core.Choose) for n in walk(statements)):
         return []
     since = c.Binary("-", CT, int_number(component.phase_ns)) if component.phase_ns else CT
@@ -125,7 +125,7 @@ class InputEmitter:
         return f"{self.frame.prefix}_publish_{topic}"
 
     def publish_function(self, topic: Topic) -> c.FunctionDef:
-        """The C function that stores a value in a topic, if it is of its type and in its set."""
+        """The C function that stores a value in a topic, if its type and set allow the value."""
         stored = self.types.stored_type(topic.type)
         stamp = stamp_place(topic.index)
         size = c.CallExpr("sizeof", (VALUE,))
@@ -151,7 +151,7 @@ class InputEmitter:
         )
 
     def draw_function(self, drive: InputDrive, name: str) -> c.FunctionDef:
-        """The C function that changes an input: at random, or to the value of a driver's answer."""
+        """The C function that changes an input, at random or to the value a driver answers."""
         info = self.system.topics[drive.topic]
         index = c.Binary("/", CT, int_number(drive.every_ns))
         stream = f"input.{info.name}"
@@ -245,7 +245,7 @@ def _step_statements(
         body.append(c.IfStmt(c.Unary("!", first), tuple(inner)))
     body += frame.body.translate_block(step.publish)
     body += _add_noise(frame, component, step)
-    body += disturb(frame, component, step.outputs)
+    body += disturb_outputs(frame, component, step.outputs)
     body += frame.check_outputs(step.outputs)
     unused = [c.Unused(n) for n in ("s", "flags", "answer", "published", "first")]
     body = [frame.state_pointer(), is_first, *unused, *frame.checked_code(body)]
@@ -277,7 +277,7 @@ def _draw_disturbances(
 
 
 def _disturbance_draw(draw: core.Draw, component: Component, at: c.CExpr) -> c.CExpr:
-    """The C of a draw; no driver answers if the value is held, or for an extern plant."""
+    """The C of a draw; no driver answers it if the value is held or the plant is extern."""
     hold = draw.hold_ns if draw.hold_ns > 0 else component.period_ns
     index = c.Binary("/", at, int_number(hold))
     chance = draw.hold_ns > 0 or component.extern
@@ -285,7 +285,7 @@ def _disturbance_draw(draw: core.Draw, component: Component, at: c.CExpr) -> c.C
 
 
 def _take_new_states(frame: Frame, step: core.PlantStep, name: str) -> list[c.CStmt]:
-    """Takes an extern plant's new states from the driver's answer, if there is one."""
+    """Takes the new states of an extern plant from the driver's answer, if the driver answers."""
     got = c.Name("got")
     statements: list[c.CStmt] = [c.Declare(f"const {name}_out *const ", "got", c.Name("answer"))]
     assigns = tuple(

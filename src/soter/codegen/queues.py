@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def push_function(frame: Frame, topic: Topic) -> c.FunctionDef:
-    """The C function that puts a topic's value into its queues; a full queue follows its policy."""
+    """The C function that puts a topic's value into its queues; each full queue has a policy."""
     body: list[c.CStmt] = [frame.state_pointer()]
     for index in topic.queues:
         queue = frame.system.topics[index]
@@ -54,7 +54,7 @@ def push_function(frame: Frame, topic: Topic) -> c.FunctionDef:
 
 
 def _lost_condition(queue: int) -> c.CExpr:
-    """The C condition that a queue has lost a value which it may not lose (SOTER_LOST)."""
+    """The C condition that a queue has lost a value but may not lose any (SOTER_LOST)."""
     return c.Binary("!=", stamp_place(queue), c.Name("SOTER_NEVER"))
 
 

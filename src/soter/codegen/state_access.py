@@ -37,7 +37,7 @@ STEP_PARAMETERS = (
 
 
 def place_text(span: Span) -> str:
-    """The place of a declaration as `file.soter:12`, for the comment above its C function."""
+    """The place of a declaration as `file.soter:12`; the comment above its C function shows it."""
     return f"{span.source.name.rsplit('/', 1)[-1]}:{span.line}"
 
 
@@ -83,14 +83,14 @@ class Frame:
         return c.Declare(f"{qualifier}{self.prefix}_state *const ", "s", c.Name("state"))
 
     def fault_pointer(self) -> list[c.CStmt]:
-        """Declares `status`, which keeps the step's first fault, and `fault`, a pointer to it."""
+        """Declares `status`, which keeps the step's first fault, and the pointer `fault` to it."""
         return [
             c.Declare("soter_fault", "status", OK),
             c.Declare("soter_fault *const ", "fault", c.Unary("&", c.Name("status"))),
         ]
 
     def checked_code(self, code: list[c.CStmt], failed: tuple[c.CStmt, ...] = ()) -> list[c.CStmt]:
-        """The code; if it may fault, followed by C that after a fault runs `failed` and returns."""
+        """The code; if it may fault, C follows that after a fault runs `failed` and returns."""
         if not any(name in {"fault", "status"} for s in code for name in c.names_read(s)):
             return code
         ends = (*failed, c.Return(c.Name("status")))
@@ -116,7 +116,7 @@ class Frame:
         return self.member_place(cell.owner, cell.name)
 
     def load_locals(self, copies: tuple[core.LocalCopy, ...], used: set[str]) -> list[c.CStmt]:
-        """Copies cells into temporaries; a large one that is only read stays where it is."""
+        """Copies cells into temporaries, except for large cells that are only read."""
         declarations: list[c.CStmt] = []
         for copy in copies:
             if copy.name not in used and not copy.written:
@@ -153,7 +153,7 @@ class Frame:
         return commits
 
     def restore_locals(self, copies: tuple[core.LocalCopy, ...]) -> list[c.CStmt]:
-        """After a fault, gives locals that were changed in place their old values again."""
+        """The C that gives changed large locals their old values again after a fault."""
         return [
             c.IfStmt(
                 self.body.changed_flag(x.name),
@@ -164,7 +164,7 @@ class Frame:
         ]
 
     def declare_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
-        """Declares `out_topic` and `has_topic` of outputs; large ones may share a local's place."""
+        """Declares `out_topic` and `has_topic` of outputs; some share the place of a local."""
         unique = UniqueNames()
         topics = [self.system.topics[o.topic].name.rpartition(".")[2] for o in outputs]
         self.body.outputs = tuple(unique(name) for name in topics)
@@ -183,7 +183,7 @@ class Frame:
     def sure_outputs(
         self, component: Component, step: core.NodeStep | core.PlantStep
     ) -> frozenset[int]:
-        """The numbers of the outputs that a step always publishes, and that need no flag."""
+        """The numbers of the outputs that a step always publishes; these outputs need no flag."""
         code = step.publish if isinstance(step, core.PlantStep) else step.body
         silent = {
             f.topic
@@ -200,7 +200,7 @@ class Frame:
         return [c.IfStmt(self.body.flag_of(k), tuple(code))]
 
     def locals_in_place(self, copies: tuple[core.LocalCopy, ...]) -> frozenset[str]:
-        """The large locals that a step changes in place in the state, if this program does that."""
+        """The large locals that a step changes in place in the state; empty if it copies them."""
         if not self.works_in_place:
             return frozenset()
         return frozenset(x.name for x in copies if x.written and self.types.is_large(x.type))
@@ -212,7 +212,7 @@ class Frame:
         outputs: tuple[core.Output, ...] = (),
         read_later: tuple[str, ...] = (),
     ) -> PlannedBody:
-        """The body of a step with its large locals and outputs, for `plan_storage`."""
+        """The body of a step, with its large locals and outputs, as input of `plan_storage`."""
         large = self.types.is_large
         return PlannedBody(
             code=code,
@@ -237,7 +237,7 @@ class Frame:
         ]
 
     def publish_outputs(self, outputs: tuple[core.Output, ...], *, gated: bool) -> list[c.CStmt]:
-        """Reports and stores outputs; `gated`: stores them only if OE is set (rule n1)."""
+        """Reports and stores outputs; if `gated`, stores them only while OE is set (rule n1)."""
         statements: list[c.CStmt] = []
         for k, output in enumerate(outputs):
             stamp = stamp_place(output.topic)
@@ -251,7 +251,7 @@ class Frame:
         return statements
 
     def _store_output(self, k: int, output: core.Output) -> list[c.CStmt]:
-        """Stores output `k` in its topic and queues: one value, or each value of a burst."""
+        """Stores output `k` in its topic and queues; for a burst, stores each of the values."""
         topic, out = self.topic_place(output.topic), self.body.output_place(k)
         if not output.burst:
             value = self.types.as_stored(output.type, out)

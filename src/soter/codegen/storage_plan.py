@@ -39,10 +39,10 @@ Path = tuple[str, ...]
 class StoragePlan:
     """The places of the large values of a body, by names of Core, `RESULT` and `output_name`.
 
-    `references`: temporaries that become pointers; `behind`: for each the temporaries that it may
-    point into; `same`: for one that points to all of another, that other. `homes`: for a name with
-    no place of its own, the name whose place it shares, and the path to its part of that; `shared`:
-    places with several names; `idle`: statements (by `id`) whose value nobody reads.
+    `references`: temporaries that become pointers; `behind`: by pointer, the temporaries that it
+    may point into; `same`: by pointer, the temporary if it points to all of it. `homes`: by name
+    without a separate place, the name whose place it shares, and the path to its part there;
+    `shared`: places with several names; `idle`: statements (by `id`) whose value is never read.
     """
 
     references: frozenset[str] = frozenset()
@@ -53,7 +53,7 @@ class StoragePlan:
     idle: frozenset[int] = frozenset()
 
     def home_name(self, name: str) -> str:
-        """The name of the place that `name` shares; its own name if it shares none."""
+        """The name whose place `name` shares; `name` if it shares no place."""
         return self.homes[name][0] if name in self.homes else name
 
     def referred_name(self, name: str) -> str:
@@ -74,8 +74,8 @@ class PlannedBody:
 
     `fixed`: large parameters and cells that are read in place, and never change here; `kept`: large
     locals of a step, which are loaded first and stored last; `outputs`: numbers of large outputs
-    that may share a place; `result`: the value that a function returns; `leave`: its flag of having
-    returned; `read_later`: other temporaries that code after the body reads.
+    that may share a place; `result`: the value that a function returns; `leave`: the flag that it
+    has returned; `read_later`: other temporaries that code after the body reads.
     """
 
     code: tuple[core.Stmt, ...]
@@ -89,21 +89,21 @@ class PlannedBody:
 
 
 def is_place(e: core.Expr) -> bool:
-    """Whether an expression is a temporary, a cell, or a part of one, and so has an address."""
+    """Whether an expression has an address: a temporary, a cell, or a part of one of these."""
     while isinstance(e, (core.Field, core.Element)):
         e = e.target
     return isinstance(e, (core.Var, core.Get, core.Const))
 
 
 def has_address(e: core.Expr) -> bool:
-    """Whether an expression is a place, or a choice between places."""
+    """Whether an expression has an address: it is a place, or a choice between places."""
     if isinstance(e, core.Select):
         return has_address(e.then) and has_address(e.otherwise)
     return is_place(e)
 
 
 def is_leave_check(e: core.Expr, leave: str) -> bool:
-    """Whether `e` is `!leave` (not returned yet); C returns at once, and need not check it."""
+    """Whether `e` is `!leave` (not returned yet); C returns at once, so it needs no such check."""
     if not isinstance(e, core.Unary) or e.op != "not":
         return False
     return isinstance(e.operand, core.Var) and e.operand.name == leave
@@ -150,7 +150,7 @@ class _Planner:
                 self._declare_large(s.body, depth + 1, changed)
 
     def make_plan(self) -> StoragePlan:
-        """Makes as many temporaries as possible references, then lets places be shared."""
+        """Makes as many temporaries references as possible, then lets values share places."""
         references = dict(self.candidates)
         while True:
             same = {n: o for n, o in self.same.items() if n in references}
@@ -171,7 +171,7 @@ class _Planner:
         )
 
     def _shared_homes(self, walker: _Walker) -> dict[str, tuple[str, Path]]:
-        """The place and path of each name that shares one: copies first, then parts of records."""
+        """By name with a shared place: the place and path; joins copies, then record parts."""
         groups: dict[str, dict[str, Path]] = {n: {n: ()} for n in self.types}
         for a, b in walker.copies:
             if self.types[a] == self.types[b]:
@@ -206,7 +206,7 @@ class _Planner:
         return min((n for n, p in group.items() if not p), key=self._rank)
 
     def _rank(self, name: str) -> tuple[int, int, int]:
-        """The rank of a name; the least in a group is its home: result, locals, outputs, others."""
+        """A rank; the lowest name of a group is its home: result, locals, outputs, others."""
         if name == RESULT:
             return 0, 0, 0
         if name in self.kept:
@@ -215,7 +215,7 @@ class _Planner:
 
 
 def _names_inside(e: core.Expr) -> Iterator[str]:
-    """Yields the temporaries that an expression with an address is, or is a part of."""
+    """Yields the temporaries of an expression with an address, which may be parts of them."""
     if isinstance(e, core.Select):
         yield from _names_inside(e.then)
         yield from _names_inside(e.otherwise)
@@ -283,7 +283,7 @@ class _Walker:
                 self._note_write(RESULT, task.result, {RESULT}, reads)
             live |= reads
         self._at_exit = set(live)
-        live = self._before_block(task.code, live) - self._published.keys()
+        live = self._needed_before_block(task.code, live) - self._published.keys()
         kept = {n for n, _ in task.kept}
         self.apart |= {(a, b) for a in kept for b in kept if a != b}
         self.apart |= {(b, a) for a, b in self.apart}
@@ -297,71 +297,76 @@ class _Walker:
 
     # ------------------------------------------------------------ statements
 
-    def _before_block(self, block: tuple[core.Stmt, ...], live: set[str]) -> set[str]:
-        """The names that are needed before a block, from those needed after it (`live`)."""
+    def _needed_before_block(self, block: tuple[core.Stmt, ...], live: set[str]) -> set[str]:
+        """The names needed before a block, computed from the names needed after it (`live`)."""
         for s in reversed(block):
-            live = self._before_statement(s, live)
+            live = self._needed_before_statement(s, live)
         return live
 
-    def _before_change(self, s: core.Set | core.Push, live: set[str]) -> set[str]:
+    def _needed_before_change(self, s: core.Set | core.Push, live: set[str]) -> set[str]:
         if isinstance(s, core.Set) and s.name == self.task.leave:
             return set(self._at_exit)
         if isinstance(s, core.Set) and not s.path:
-            return self._before_write(s, s.name, s.value, live)
-        return self._before_part(s.name, s.value, live, self._tracked_reads(s.path, s.value))
+            return self._needed_before_write(s, s.name, s.value, live)
+        return self._needed_before_part_write(
+            s.name, s.value, live, self._tracked_reads(s.path, s.value)
+        )
 
-    def _before_statement(self, s: core.Stmt, live: set[str]) -> set[str]:
+    def _needed_before_statement(self, s: core.Stmt, live: set[str]) -> set[str]:
         if isinstance(s, core.If):
-            return self._before_if(s, live)
+            return self._needed_before_if(s, live)
         if isinstance(s, core.Loop):
-            return self._before_loop(s, live)
+            return self._needed_before_loop(s, live)
         at = self._order[id(s)]
         live = {x for x in live if self._published.get(x, -1) <= at}  # not yet published ones
         if isinstance(s, core.Let):
-            return self._before_write(s, s.name, s.value, live)
+            return self._needed_before_write(s, s.name, s.value, live)
         if isinstance(s, core.Call):
-            return self._before_call(s, live)
+            return self._needed_before_call(s, live)
         if isinstance(s, (core.Set, core.Push)):
-            return self._before_change(s, live)
+            return self._needed_before_change(s, live)
         if isinstance(s, core.Publish):
             name = output_name(s.output)
             if s.limit is None:
-                return self._before_write(None, name, s.value, live)
-            return self._before_part(name, s.value, live, self._tracked_reads(s.value))
+                return self._needed_before_write(None, name, s.value, live)
+            return self._needed_before_part_write(name, s.value, live, self._tracked_reads(s.value))
         if isinstance(s, core.Choose) and s.ages is not None:
-            return self._before_part(s.ages, None, live, set())
+            return self._needed_before_part_write(s.ages, None, live, set())
         return live | self._tracked_reads(
             *(getattr(s, n) for n in ("condition", "operands", "limit") if hasattr(s, n))
         )
 
-    def _before_call(self, s: core.Call, live: set[str]) -> set[str]:
+    def _needed_before_call(self, s: core.Call, live: set[str]) -> set[str]:
         reads = self._tracked_reads(s.arguments)
         if s.name in self.tracked:
             self._note_write(s.name, None, live, reads)
         return (live - {s.name}) | reads
 
-    def _before_if(self, s: core.If, live: set[str]) -> set[str]:
+    def _needed_before_if(self, s: core.If, live: set[str]) -> set[str]:
         if self.task.leave is not None and is_leave_check(s.condition, self.task.leave):
-            return self._before_block(s.then, live)
-        then, otherwise = self._before_block(s.then, live), self._before_block(s.otherwise, live)
+            return self._needed_before_block(s.then, live)
+        then, otherwise = (
+            self._needed_before_block(s.then, live),
+            self._needed_before_block(s.otherwise, live),
+        )
         return then | otherwise | self._tracked_reads(s.condition)
 
-    def _before_loop(self, s: core.Loop, live: set[str]) -> set[str]:
+    def _needed_before_loop(self, s: core.Loop, live: set[str]) -> set[str]:
         idle, changed = set(self.idle), set(self.changed)
         around = set(live)
         while True:  # a store that is idle in one round may be needed in the next
             self.idle = set(idle)
-            before = self._before_block(s.body, around)
+            before = self._needed_before_block(s.body, around)
             if before <= around:
                 break
             around |= before
         self.changed |= changed
         return around
 
-    def _before_write(
+    def _needed_before_write(
         self, s: core.Stmt | None, name: str, value: core.Expr, live: set[str]
     ) -> set[str]:
-        """The names needed before a write to all of a place, from those needed after it."""
+        """The names needed before a write to a whole place, from those needed after it."""
         reads = self._tracked_reads(value)
         if name not in self.tracked:
             return live | reads
@@ -372,10 +377,10 @@ class _Walker:
             self._note_write(name, value, live, reads)
         return (live - {name}) | reads
 
-    def _before_part(
+    def _needed_before_part_write(
         self, name: str, value: core.Expr | None, live: set[str], reads: set[str]
     ) -> set[str]:
-        """The names needed before a write to a part of a place; the rest is still needed."""
+        """The names needed before a write to a part of a place; its other parts stay needed."""
         if name not in self.tracked:
             return live | reads
         self._note_write(name, value, live, reads - {name}, full=False)
@@ -390,7 +395,7 @@ class _Walker:
         *,
         full: bool = True,
     ) -> None:
-        """Notes with what a write interferes; only a value with an address is copied at once."""
+        """Notes the names a write interferes with; a value with an address is copied at once."""
         at_once = value is not None and has_address(value)
         needed = live if at_once else live | reads
         self.changed |= {r for r in needed if name in self.behind.get(r, ())}
@@ -411,7 +416,7 @@ class _Walker:
         self.apart |= {(name, x) for x in needed - equal}
 
     def _referred_place(self, e: core.Expr) -> str | None:
-        """The tracked place to all of which `e` refers; None if there is none."""
+        """The tracked place if `e` refers to all of it; None for any other expression."""
         if not isinstance(e, core.Var):
             return None
         name = e.name

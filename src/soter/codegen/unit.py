@@ -111,8 +111,8 @@ def generate(
 ) -> Unit:
     """The C of a system; with `branches` its nodes report which branches they take.
 
-    `apart`: indices of extern nodes in another process: their C is not linked, and all of their
-    answers are checked, lengths included. SoterError X009 for names of C functions that clash.
+    `apart`: indices of extern nodes in another process: their C is not linked, and their answers
+    are checked completely. Raises SoterError X009 if names of C functions clash.
     """
     builder = UnitBuilder(system, core or lower(system), prefix)
     builder.frame.apart = apart
@@ -229,7 +229,7 @@ class UnitBuilder:
         )
 
     def _require_linkable_names(self, items: tuple[c.CTop, ...]) -> None:
-        """Raises SoterError X009 if a linked function's name is reserved or taken."""
+        """Raises SoterError X009 if a linked function has a name that is reserved or taken."""
         generated = {
             name
             for x in items
@@ -274,12 +274,12 @@ class UnitBuilder:
         )
 
     def added_definitions(self) -> list[c.CTop]:
-        """The C that a subclass adds at the end (`explore/model/explorer_model.py`)."""
+        """The C that a subclass adds at the end, as `explore/model/explorer_model.py` does."""
         return []
 
     @staticmethod
     def added_names(_system: System) -> tuple[str, ...]:
-        """The names, without prefix, in `added_definitions`, which the program may not use."""
+        """The names, without prefix, in `added_definitions`; the program may not use them."""
         return ()
 
     # ------------------------------------------------------------ functions and steps
@@ -293,7 +293,7 @@ class UnitBuilder:
         return found + [made for f in self.core.functions for made in self.function_definitions(f)]
 
     def function_definitions(self, f: Function) -> list[c.CTop]:
-        """The C of a function; subclasses may change it (`campaign/compiled_unit.py`)."""
+        """The C of a function; a subclass may change it, as `campaign/compiled_unit.py` does."""
         return [self._function_definition(f)]
 
     def _function_definition(self, f: Function) -> c.FunctionDef:
@@ -317,9 +317,9 @@ class UnitBuilder:
     def _extern_function(
         self, f: Function, name: str, parameters: tuple[tuple[str, str], ...], result: str, doc: str
     ) -> c.FunctionDef:
-        """The function that calls a linked C function; any other extern only raises a fault.
+        """The function that calls a linked C function; for any other extern it raises a fault.
 
-        The linked one takes and returns values, however large (docs/language.md).
+        A linked function takes and returns values of any size (docs/language.md).
         """
         t = f.result_type
         large = self.types.is_large(t)
@@ -412,7 +412,7 @@ class UnitBuilder:
             self.c_sources.append(x.binding.split(":")[1])
 
     def property_function(self, p: Property, predicate: Predicate) -> c.FunctionDef:
-        """The C function that says whether a property is violated."""
+        """The C function that checks whether a property is violated."""
         return decisions.predicate_function(
             self.frame,
             predicate,

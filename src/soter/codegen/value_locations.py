@@ -33,10 +33,10 @@ STORED = (core.Get, core.Field, core.Element, core.Fact)
 
 
 def has_known_result(op: str, value: core.Expr, other: core.Expr) -> bool:
-    """Whether a compiler may know the result of an int comparison, and would warn of it.
+    """Whether a compiler may know the result of an int comparison, and would then warn.
 
-    It knows that of a stored value with a constant at or beyond the limits of its storage, and
-    perhaps that of a choice between constants.
+    A compiler knows it if a stored value meets a constant at or beyond the limits of its storage,
+    and perhaps if a choice between constants is compared.
     """
     if isinstance(value, core.Select):
         return True
@@ -83,7 +83,7 @@ MADE = c.Unary("*", c.Name("made"))
 
 
 class Places:
-    """Gives values their places in C, for one body after the other; `plan_body` begins one."""
+    """Gives values their places in C, for one body at a time; `plan_body` begins a body."""
 
     def __init__(self, types: TypeTable) -> None:
         self.types = types
@@ -124,7 +124,7 @@ class Places:
             self.in_place = frozenset()
 
     def names_used(self, root: object) -> set[str]:
-        """The temporaries that code below `root` reads, without those of idle stores alone."""
+        """The temporaries that code in `root` reads; ignores reads by idle stores."""
         read_counts = Counter(x.name for x in walk(root) if isinstance(x, core.Var))
         for s in walk(root):
             if id(s) in self.plan.idle:
@@ -136,7 +136,7 @@ class Places:
         return name in self.plan.references or name in self.in_place
 
     def has_place(self, name: str) -> bool:
-        """Whether a name has a place of its own."""
+        """Whether a name has a place that is not part of another name's place."""
         return self.plan.home_name(name) == name
 
     def place_of(self, name: str) -> c.CExpr:
@@ -159,15 +159,15 @@ class Places:
     # ------------------------------------------------------------ locals in place
 
     def changed_flag(self, name: str) -> c.Name:
-        """The C flag that says whether a step has changed a local in place."""
+        """The C flag that is true if a step has changed a local in place."""
         return c.Name(f"given_{self.c_name(name)}_changed")
 
     def value_before(self, name: str) -> c.Name:
-        """The C variable with the value that a local changed in place had before the step."""
+        """The C variable that holds the value that a changed local had before the step."""
         return c.Name(f"given_{self.c_name(name)}_before")
 
     def with_saved_value(self, s: core.Stmt, made: list[c.CStmt]) -> list[c.CStmt]:
-        """The C of `s`, behind code that saves a local before its first change in place."""
+        """The C of `s`, after code that saves a local before its first change in place."""
         name = output_name(s.output) if isinstance(s, core.Publish) else getattr(s, "name", None)
         home = self.plan.home_name(name) if isinstance(name, str) else ""
         if home not in self.in_place or all(isinstance(x, c.Unused) for x in made):
@@ -191,18 +191,18 @@ class Places:
         return f"const {work} *" if self.types.is_large(t) else work
 
     def function_to_plan(self, f: core.Function, result: core.Expr) -> PlannedBody:
-        """The body of a function, for `plan_storage`."""
+        """The body of a function, as input of `plan_storage`."""
         large = self.types.is_large
         fixed = tuple(p.name for p in f.parameters if large(p.type))
         return PlannedBody(code=f.body, is_large=large, fixed=fixed, result=result, leave=f.leave)
 
     def c_arguments(self, arguments: tuple[core.Expr, ...]) -> tuple[list[c.CStmt], list[c.CExpr]]:
-        """The statements that go before a call, and its C arguments."""
+        """The statements that must stand before a call, and the C arguments of the call."""
         pairs = [self._argument(e) for e in arguments]
         return [s for before, _ in pairs for s in before], [argument for _, argument in pairs]
 
     def _argument(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
-        """Statements before the call, and one C argument: the address of a large value."""
+        """The statements that must stand before a call, and one C argument, perhaps an address."""
         if not self.types.is_large(e.type):
             return [], self.expr(e)
         if has_address(e):
@@ -216,7 +216,7 @@ class Places:
         """Writes a value of type `t` to `target`, which is place `root` or a part of it.
 
         A large record, array or list is written piece by piece, so that it needs no second place,
-        unless a piece may be read from where it is written.
+        unless it may read a piece from the place that is written.
         """
         if isinstance(e, core.Select) and self.types.is_large(t):
             then = self.write_into(target, root, t, e.then)
@@ -271,7 +271,7 @@ class Places:
         return isinstance(e, core.Var) and self.place_of(self.plan.referred_name(e.name)) == target
 
     def _may_read_target(self, target: c.CExpr, root: str, e: core.Make) -> bool:
-        """Whether a piece of `e`, which is written to `target`, may be read from place `root`."""
+        """Whether writing `e` to `target` may read a piece from `root` after it was overwritten."""
         unchanged: set[str] = set()
         others = list(e.elements)
         if isinstance(e.type, RecordType):
@@ -284,7 +284,7 @@ class Places:
         return any(self.plan.home_name(x) == self.plan.home_name(root) for x in reads)
 
     def _write_to_new_place(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
-        """Statements that write a value to a new place, and that place."""
+        """Statements that write a value to a new place, and the C name of that place."""
         self._new_places += 1
         made = c.Name(f"given_{self._new_places}")
         declared = c.Declare(self.types.work_type(e.type), made.text, None)

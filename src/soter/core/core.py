@@ -35,7 +35,7 @@ CellKind = Literal["topic", "local", "state"]
 
 @node()
 class Cell(Node):
-    """A piece of the state: `kind` is "topic", "local" (node local), "state" (plant state)."""
+    """A piece of the state. `kind`: "topic", "local" (of a node) or "state" (of a plant)."""
 
     kind: CellKind
     owner: int
@@ -55,7 +55,7 @@ class Expr(Node):
 
 @node()
 class Const(Expr):
-    """A constant; `name` is the source constant it came from."""
+    """A constant; `name` is the name of the constant in the source."""
 
     value: Value
     name: str | None = None
@@ -77,9 +77,9 @@ class Get(Expr):
 
 @node()
 class Fact(Expr):
-    """A fact of the run: "time" (s), "in_control", "mode" of a module, "age" (s) of a topic.
+    """A fact of the run: "time" (s), "in_control", "mode" of a module, or "age" (s) of a topic.
 
-    Or of a step: "published", whether it published an output. `index`: module, topic or output.
+    "published" is a fact of the step: it published an output. `index`: module, topic or output.
     """
 
     fact: str
@@ -96,7 +96,7 @@ class Unary(Expr):
 
 @node()
 class Binary(Expr):
-    """An operation on two values: + - * / (floats, / after a guard), comparisons, && ||."""
+    """An operation on two values: + - * / (floats; / is guarded before), comparisons, && or ||."""
 
     op: str
     left: Expr
@@ -105,7 +105,7 @@ class Binary(Expr):
 
 @node()
 class Extreme(Expr):
-    """The smaller or larger value; `op` "min": b < a ? b : a, "max": b > a ? b : a."""
+    """The smaller or larger value; `op` is "min" (b < a ? b : a) or "max" (b > a ? b : a)."""
 
     op: str
     left: Expr
@@ -131,7 +131,7 @@ class Field(Expr):
 
 @node()
 class Element(Expr):
-    """An element of an array or list, at an index that is surely inside."""
+    """An element of an array or list; the index is surely inside."""
 
     target: Expr
     index: Expr
@@ -146,7 +146,7 @@ class Length(Expr):
 
 @node()
 class Make(Expr):
-    """A record, array or list from its elements in declared order."""
+    """A record, array or list; `elements` are in declared order."""
 
     elements: tuple[Expr, ...]
 
@@ -163,7 +163,7 @@ class Stmt(Node):
 
 @node()
 class Let(Stmt):
-    """A new temporary; a `Set` may change it later if it is `mutable`."""
+    """Defines a new temporary; a `Set` may change it later if it is `mutable`."""
 
     name: str
     value: Expr
@@ -172,11 +172,11 @@ class Let(Stmt):
 
 @node()
 class Checked(Stmt):
-    """A new temporary from an operation that may fault; after a fault its value is harmless.
+    """Defines a temporary by an operation that may fault; after a fault the value is harmless.
 
-    int: add sub mul neg abs div mod; to_int (float -> int); narrow (into `type`);
-    index (a safe index below `limit`, which is an expression for lists).
-    float: number (what `ttf` or `safer` compare; a NaN faults).
+    int: add sub mul neg abs div mod; to_int (float -> int); narrow (into `type`); index (a safe
+    index below `limit`, which is an expression for lists). float: number (an operand that `ttf` or
+    `safer` compares; a NaN faults).
     """
 
     name: str
@@ -188,9 +188,9 @@ class Checked(Stmt):
 
 @node()
 class Choose(Stmt):
-    """A new temporary of type `type` with value number `low + k`; some k < `count` is chosen.
+    """Defines a temporary with value number `low + k`, for some k < `count` that is chosen.
 
-    `ages`: the temporary of the hidden local of a fair choice, which is updated; else None.
+    `ages`: for a fair choice, the temporary of its hidden local, which it updates; else None.
     """
 
     name: str
@@ -202,7 +202,7 @@ class Choose(Stmt):
 
 @node()
 class Guard(Stmt):
-    """A fault of this kind if the condition does not hold."""
+    """Raises a fault of kind `kind` if the condition does not hold."""
 
     condition: Expr
     kind: FaultKind
@@ -210,7 +210,7 @@ class Guard(Stmt):
 
 @node()
 class Call(Stmt):
-    """A new temporary with the result of a function, whose faults become the caller's."""
+    """Defines a temporary with the result of a function; a fault in it is a fault of the caller."""
 
     name: str
     function: str
@@ -220,7 +220,7 @@ class Call(Stmt):
 
 @node()
 class Set(Stmt):
-    """An assignment to a mutable temporary, or to the part at `path`: fields and safe indices."""
+    """Assigns to a mutable temporary, or to its part at `path`, of fields and safe indices."""
 
     name: str
     type: Type
@@ -230,7 +230,7 @@ class Set(Stmt):
 
 @node()
 class Push(Stmt):
-    """Appends to a bounded list, a mutable temporary or a part of one; a fault if it is full."""
+    """Appends to a bounded list, which is a mutable temporary or its part; faults if it is full."""
 
     name: str
     type: Type
@@ -240,7 +240,7 @@ class Push(Stmt):
 
 @node()
 class If(Stmt):
-    """A branch with two sides, which join behind it."""
+    """A branch with two sides; both continue after it."""
 
     condition: Expr
     then: tuple[Stmt, ...]
@@ -261,7 +261,7 @@ class Loop(Stmt):
 class Publish(Stmt):
     """Remembers a publication on output number `output` of the step.
 
-    With a `limit` it is added behind the earlier ones; it faults if there are `limit` already.
+    With a `limit`, the value joins earlier values; a fault if there are `limit` values already.
     """
 
     output: int
@@ -284,9 +284,9 @@ class Parameter(Node):
 class Function(Shown):
     """A pure function; `result` is evaluated at its single exit. `source`: an extern's binding.
 
-    `leave`: name of the flag that the function has returned, if there is one; once it is set no
-    statement has an effect. `meaning`: one name for all functions that differ only in which
-    operands they check for NaN: where these do not fault they have the same value.
+    `leave`: name of the flag that the function has returned, or None; while it is set, statements
+    have no effect. `meaning`: a name that functions share if they differ only in the operands that
+    they check for NaN; such functions have the same value if they do not fault.
     """
 
     name: str
@@ -304,7 +304,7 @@ class Function(Shown):
 
 @dataclass(eq=False, repr=False)
 class LocalCopy(Shown):
-    """A state cell that a step uses as a temporary: loaded first, stored at the exit."""
+    """A state cell that a step uses as a temporary; it is loaded first and stored at the exit."""
 
     cell: Cell
     name: str
@@ -314,10 +314,10 @@ class LocalCopy(Shown):
 
 @dataclass(eq=False, repr=False)
 class Output(Shown):
-    """One output of a step: the topic and its bounds per leaf (None: finite is enough).
+    """One output of a step: the topic and the bounds of each leaf (None: any finite value).
 
-    `type` is that of the topic; of a `burst`, of which a step may publish several messages, the
-    list of them.
+    `type` is the type of the topic, or for a `burst`, which may have several messages, of a list of
+    them.
     """
 
     topic: int
@@ -337,7 +337,7 @@ class Footprint(Shown):
 
 
 def output_name(output: int) -> str:
-    """Gives the name of the temporary that holds what a step publishes on an output."""
+    """Gives the name of the temporary that holds the value a step publishes on an output."""
     return f"$out {output}"
 
 
@@ -345,8 +345,8 @@ def output_name(output: int) -> str:
 class ShieldStep(Shown):
     """The code after the body; its temporary `name` gets the next value of the topic `cell`.
 
-    The statements that compute it fault if AC's commands are not permitted. `proposed`: the cell,
-    temporary and type of the topic of proposals; then the statements also move AC's commands.
+    The statements for that fault if AC's commands are not permitted. `proposed`: the cell,
+    temporary and type of the topic of proposals; with it, statements also move AC's commands.
     """
 
     body: tuple[Stmt, ...]
@@ -407,9 +407,9 @@ class PlantStep(Shown):
 
 @dataclass(eq=False, repr=False)
 class Predicate(Shown):
-    """A boolean over the state: `value` after `body`.
+    """A boolean over the state: first `body` runs, then `value` is evaluated.
 
-    `maybe_nan`: some comparisons check their operands for NaN, which is a fault there.
+    `maybe_nan`: some comparisons check their operands for NaN, and a NaN is then a fault.
     """
 
     body: tuple[Stmt, ...]

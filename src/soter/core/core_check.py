@@ -88,7 +88,7 @@ def fits_into(have: Type, want: Type | None) -> bool:
 
 
 def part_types(t: Type, count: int = 0) -> list[Type]:
-    """Gives the types of a value's parts; of a list those of `count` elements, as many as fit."""
+    """Gives the types of a value's parts; for a list, of `count` elements or as many as fit."""
     if isinstance(t, RecordType):
         return [f for _, f in t.fields]
     if isinstance(t, ListType):
@@ -291,7 +291,7 @@ class _Body:
     # ------------------------------------------------------------ expressions
 
     def check_value(self, e: core.Expr, t: Type | None) -> None:
-        """Checks that an expression has type `t`; None: no type was found, which is an error."""
+        """Checks that an expression has type `t`; None means that no type was found: an error."""
         self.check_expr(e)
         if isinstance(e, core.Expr):
             ints = isinstance(e.type, IntType) and isinstance(t, IntType)
@@ -369,7 +369,7 @@ class _Body:
         return element, [(e.target, t), (e.index, INT)]
 
     def is_inside(self, index: core.Expr, target: core.Expr) -> bool:
-        """Whether an index is known to be inside an array or list."""
+        """Whether facts show that an index is inside an array or list."""
         t = target.type
         if isinstance(t, ArrayType) and isinstance(index, core.Const):
             return bool(0 <= index.value < t.size)
@@ -393,7 +393,7 @@ class _Body:
     # ------------------------------------------------------------ one exit
 
     def may_have_left(self, statements: tuple[core.Stmt, ...], leave: str, *, left: bool) -> bool:
-        """Whether the function may have returned after these statements; checks those behind."""
+        """Whether these statements may return; checks that statements after a return do nothing."""
         still_here = core.Unary(BOOL, "not", core.Var(BOOL, leave))
         for s in statements:
             if isinstance(s, core.If):

@@ -29,7 +29,7 @@ _NOT_WALKED = frozenset({"type", "span", "value"})
 
 @cache
 def _code_fields(kind: type) -> tuple[tuple[str, type | tuple[type, ...]], ...] | None:
-    """Gives the fields of a class of Core, the last one first, with the code in each; else None."""
+    """Gives the fields of a class of Core, last first, with types of code in them; or None."""
     if not issubclass(kind, (core.Expr, core.Stmt)):
         return None
     code = (tuple, core.Expr, core.Stmt)
@@ -89,7 +89,7 @@ def cells_of_publication(system: System, topic: int) -> list[core.Cell]:
 
 
 def outputs_always_published(code: tuple[core.Stmt, ...]) -> set[int]:
-    """Gives the numbers of the outputs that a step publishes whichever branches it takes."""
+    """Gives the numbers of the outputs that a step publishes on each of its branches."""
     outputs: set[int] = set()
     for s in code:
         if isinstance(s, core.Publish):
@@ -100,7 +100,7 @@ def outputs_always_published(code: tuple[core.Stmt, ...]) -> set[int]:
 
 
 def operations_by_name(functions: tuple[Function, ...]) -> dict[str, int]:
-    """Gives function name -> its `operations`; `functions` has callees before their callers."""
+    """Gives the `operations` of each function by name; callees come first in `functions`."""
     known: dict[str, int] = {}
     for f in functions:
         known[f.name] = operations(f.body, known)
@@ -108,7 +108,7 @@ def operations_by_name(functions: tuple[Function, ...]) -> dict[str, int]:
 
 
 def operations(body: tuple[Stmt, ...], known: dict[str, int]) -> int:
-    """Gives about how many expressions a body evaluates at most; `known`: those of functions."""
+    """Gives roughly how many expressions a body evaluates at most; `known`: counts of functions."""
     count = 0
     for s in body:
         if isinstance(s, Loop):

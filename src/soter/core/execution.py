@@ -42,7 +42,7 @@ class TooManyStatementsError(Exception):
 
 @dataclass
 class Frame(Generic[V]):
-    """Temporaries of one function or step, and what it has published."""
+    """The temporaries of one function or step, and the outputs that it has published."""
 
     variables: dict[str, V] = field(default_factory=dict)
     types: dict[str, Type] = field(default_factory=dict)
@@ -138,7 +138,7 @@ class Execution(ABC, Generic[V]):
         )
 
     def _branch_condition(self, condition: V) -> V:
-        """Gives the form of a condition that both sides of a branch and their join use."""
+        """Gives the condition in a form for both sides of a branch and for their join."""
         return condition
 
     def _run_where(self, _: core.Expr, body: tuple[core.Stmt, ...], *, truth: bool) -> None:  # noqa: ARG002
@@ -166,7 +166,7 @@ class Execution(ABC, Generic[V]):
     def _joined_output(
         self, then: Output[V] | None, otherwise: Output[V] | None, join: Join[V]
     ) -> Output[V]:
-        """Gives an output after a branch, from those of its sides; None: not published there."""
+        """Gives an output after a branch from the outputs of its sides; None: not published."""
         one = then or otherwise
         assert one is not None
         value = join(then and then[1], otherwise and otherwise[1], one[2])
@@ -202,7 +202,7 @@ class Execution(ABC, Generic[V]):
 
     @abstractmethod
     def _operation_value(self, e: core.Expr, *operands: V) -> V:
-        """Gives the value of an expression, no `Var`, from the values of its parts in order."""
+        """Gives the value of an expression that is no `Var` from the values of its parts."""
 
     @abstractmethod
     def _decided_truth(self, condition: V) -> bool | None:
@@ -214,7 +214,7 @@ class Execution(ABC, Generic[V]):
 
     @abstractmethod
     def _join_function(self, condition: V, *where: Any) -> Join[V]:  # noqa: ANN401
-        """Gives the function that joins the values of both sides, each with its `where`."""
+        """Gives the function that joins the values of both sides; each side has a `where`."""
 
     @abstractmethod
     def _checked_value(self, s: core.Checked, operands: list[V], limit: V | None) -> V: ...

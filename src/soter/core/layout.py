@@ -63,7 +63,7 @@ RESERVED = "reserved"
 
 @dataclass(frozen=True)
 class Fixed:
-    """A struct of `runtime/soter.h` in every state; fields: (name, numpy format, count)."""
+    """A struct of `runtime/soter.h` that every state has; fields: (name, numpy format, count)."""
 
     fields: tuple[tuple[str, str, int], ...]
 
@@ -87,12 +87,12 @@ class Fixed:
         return [(n, t) if count == 1 else (n, t, (count,)) for n, t, count in self.fields]
 
     def pack_into(self, buffer: bytearray, offset: int, **values: int) -> None:
-        """Writes the struct at an offset; `values` has every field by name but reserved ones."""
+        """Writes the struct at an offset; `values` has all fields by name, except reserved ones."""
         assert len(values) == len(self._value_names), values.keys() ^ set(self._value_names)
         self.packer.pack_into(buffer, offset, *[values[name] for name in self._value_names])
 
     def unpack_from(self, buffer: bytes, offset: int) -> dict[str, int]:
-        """Gives name -> value of every field but reserved ones, read at an offset."""
+        """Reads all fields except reserved ones at an offset, and gives their values by name."""
         return dict(zip(self._value_names, self.packer.unpack_from(buffer, offset), strict=True))
 
     @cached_property
@@ -145,7 +145,7 @@ PROPERTY = Fixed(
 
 @dataclass(frozen=True)
 class Scalar:
-    """Storage of a scalar: struct format, size, C type, numpy format."""
+    """How a scalar is stored: struct format, size, C type and numpy format."""
 
     format: str
     size: int
@@ -180,7 +180,7 @@ def storage_range(s: Scalar) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class LayoutMember:
-    """A member of a struct: source name, type (None for raw bytes), offset."""
+    """A member of a struct: its source name, its type (None for raw bytes) and its offset."""
 
     name: str
     type: Type
@@ -191,7 +191,7 @@ class LayoutMember:
 
 @dataclass(frozen=True)
 class Struct:
-    """A laid-out struct: members in storage order, then `padding` zero bytes."""
+    """The layout of a struct: members in storage order, followed by `padding` zero bytes."""
 
     members: tuple[LayoutMember, ...]
     size: int
@@ -250,7 +250,7 @@ def align_of(t: Type) -> int:
 def placed_leaves(t: Type, offset: int = 0) -> Iterator[tuple[tuple[str, ...], Type, int]]:
     """Yields path, type and offset of each scalar of a value at `offset`, in declared order.
 
-    Paths are those of `leaves`; lists are left out, as not all of their places are in use.
+    Paths are those of `leaves`; lists are left out, as some of their places may be unused.
     """
     if isinstance(t, RecordType):
         at = {m.index: m.offset for m in struct_of(t).members}
@@ -294,7 +294,7 @@ def encode_into(buffer: bytearray, offset: int, t: Type, value: Value) -> None:
 
 
 def image_of_members(layout: Struct, values: Mapping[str, Value]) -> bytes:
-    """Gives the bytes, at least one, of a struct with these values; other members are 0."""
+    """Gives the bytes of a struct with these values, at least one byte; other members are 0."""
     image = bytearray(max(layout.size, 1))
     for member in layout.members:
         if member.name in values:
@@ -303,7 +303,7 @@ def image_of_members(layout: Struct, values: Mapping[str, Value]) -> bytes:
 
 
 def image_of_table(t: ArrayType | ListType, value: Table) -> bytes:
-    """Gives the bytes by which a table is stored."""
+    """Gives the bytes in which a table is stored."""
     if isinstance(t, ArrayType) and isinstance(t.element, IntType) and sys.byteorder == "little":
         stored = scalar(t.element)
         assert stored is not None
@@ -344,7 +344,7 @@ def decode_from(buffer: Any, offset: int, t: Type) -> Value:  # noqa: ANN401 - a
 
 
 def numpy_dtype(t: Type) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
-    """Gives the numpy dtype of the stored values of a type."""
+    """Gives the numpy dtype of values of a type as they are stored."""
     import numpy as np  # noqa: PLC0415 - only traces need numpy
 
     s = scalar(t)
@@ -400,7 +400,7 @@ class StateLayout:
         return group.offset + next(m.offset for m in group.struct.members if m.index == index)
 
     def member(self, owner: int, index: int) -> tuple[int, Type]:
-        """Gives the offset and the type of a component's local, or state, number `index`."""
+        """Gives the offset and the type of a component's local (or plant state) number `index`."""
         group = next(g for g in self.groups if g.owner == owner)
         m = next(m for m in group.struct.members if m.index == index)
         return group.offset + m.offset, m.type
@@ -441,13 +441,13 @@ FIXED_FIELDS = ("header", "components", "modules", "properties", "stamps", "topi
 
 
 def field_name_of_group(group: StructGroup) -> str:
-    """Gives the name of a group in the dtype: its own, or `header_` if it is called `header`."""
+    """Gives the field name of a group in the dtype; a name already in use gets a `_` at its end."""
     taken = group.owner >= 0 and group.name.rstrip("_") in FIXED_FIELDS
     return f"{group.name}_" if taken else group.name
 
 
 def ac_share(state: Any, module: int) -> float:  # noqa: ANN401 - a record of `state_dtype`
-    """Gives the share of time, 0 to 1, up to the last instant, in which a module was in AC."""
+    """Gives the share, 0 to 1, of the time up to the last instant in which a module was in AC."""
     row, end = state["modules"][module], int(state["header"]["ct"])
     ac_ns = int(row["ac_ns"]) + (end - int(row["mode_since"]) if row["mode"] else 0)
     return ac_ns / end if end > 0 else 0.0

@@ -56,7 +56,7 @@ def positions_and_types(t: Type) -> list[tuple[tuple[int, ...], Type]]:
 
 
 def select(e: core.Expr, path: tuple[int, ...]) -> core.Expr:
-    """Gives the part of `e` at a path of constant positions of fields and elements."""
+    """Gives the part of `e` at a path of constant indices of fields and elements."""
     for i in path:
         t = e.type
         if isinstance(e, core.Make):
@@ -127,7 +127,7 @@ class ExpressionBuilder:
     # ------------------------------------------------------------ names and blocks
 
     def unused_name(self, base: str) -> str:
-        """Gives a name that is not used yet."""
+        """Gives a name that is not used yet, made from `base`."""
         name, n = base, 2
         while name in self._taken:
             name = f"{base}_{n}"
@@ -152,25 +152,25 @@ class ExpressionBuilder:
     def statements_of(
         self, action: Callable[[], core.Expr | None]
     ) -> tuple[tuple[core.Stmt, ...], core.Expr | None]:
-        """Runs `action`; gives the statements that it emitted, and its expression."""
+        """Runs `action`; gives the statements it emitted, and the expression it returned."""
         self._blocks.append([])
         value = action()
         return tuple(self._blocks.pop()), value
 
     def take_statements(self) -> tuple[core.Stmt, ...]:
-        """Gives all statements that were emitted at the outermost level, and removes them."""
+        """Gives and removes all statements that were emitted at the outermost level."""
         block = tuple(self._blocks[0])
         self._blocks[0] = []
         return block
 
     def let(self, span: Span, base: str, value: core.Expr, *, mutable: bool = False) -> core.Var:
-        """Emits a new temporary that holds `value`, and gives it."""
+        """Emits a new temporary that holds `value`, and gives its variable."""
         name = self.unused_name(base)
         self.emit(core.Let(span, name, value, mutable))
         return core.Var(value.type, name)
 
     def atom(self, e: core.Expr, span: Span, base: str = "t") -> core.Expr:
-        """Gives an expression for the value of `e` that may be repeated: a temporary if needed."""
+        """Gives an expression for `e` that code may repeat; emits a temporary if needed."""
         probe = e
         while isinstance(probe, core.Field):
             probe = probe.target
@@ -181,7 +181,7 @@ class ExpressionBuilder:
     # ------------------------------------------------------------ expressions
 
     def expr(self, e: typed.TypedExpr) -> core.Expr:
-        """Gives a pure Core expression for `e`; statements are emitted for what may fault."""
+        """Gives a pure Core expression for `e`; emits statements for operations that may fault."""
         method = getattr(self, "_lower_" + type(e).__name__.removeprefix("Typed").lower())
         result = method(e)
         assert isinstance(result, core.Expr)
@@ -203,7 +203,7 @@ class ExpressionBuilder:
         return core.Cell("topic", index, self.system.topics[index].name)
 
     def _lower_topicread(self, e: typed.TopicRead) -> core.Expr:
-        """Gives the value of a topic; after a step's body what the step published, if anything."""
+        """Gives the value of a topic, or after the body the value that the step published."""
         old = core.Get(e.type, self.topic_cell(e.topic))
         new = self.published.get(e.topic)
         if new is None or new[0] is None:
@@ -226,7 +226,7 @@ class ExpressionBuilder:
     def _lower_marginread(self, e: typed.MarginRead) -> core.Expr:
         """Gives (looks * period - late - age) / 1e9 in mode AC if that is positive, else 0.
 
-        It is computed in whole ns, which floats hold exactly: a period is below 2^53 ns.
+        The computation is in whole ns, which floats hold exactly, as a period is below 2^53 ns.
         """
         assert self.scope is not None
         module = self.system.modules[self.scope.modules[e.module]]
@@ -288,7 +288,9 @@ class ExpressionBuilder:
         if e.op in {"&&", "||"}:
             return self._lower_short_circuit(e)
         if e.type == BOOL:
-            return core.Binary(BOOL, e.op, self._non_nan(e.left), self._non_nan(e.right))
+            return core.Binary(
+                BOOL, e.op, self._checked_for_nan(e.left), self._checked_for_nan(e.right)
+            )
         left = self.expr(e.left)
         right = self.expr(e.right)
         if isinstance(e.type, (IntType, DurationType)):
@@ -297,8 +299,8 @@ class ExpressionBuilder:
             right = self._nonzero_divisor(right, e.right.span)
         return core.Binary(FLOAT, e.op, left, right)
 
-    def _non_nan(self, operand: typed.TypedExpr) -> core.Expr:
-        """Gives an operand of a comparison; emits a check, which faults, if it may be NaN."""
+    def _checked_for_nan(self, operand: typed.TypedExpr) -> core.Expr:
+        """Gives an operand of a comparison; if it may be NaN, emits a check that faults for NaN."""
         value = self.expr(operand)
         if operand not in self.maybe_nan:
             return value
@@ -376,7 +378,7 @@ class ExpressionBuilder:
         if e.name == "seconds":
             return self._seconds_of_ns(self.expr(e.arguments[0]))
         compares = e.name in {"min", "max", "saturate"}
-        arguments = [self._non_nan(a) if compares else self.expr(a) for a in e.arguments]
+        arguments = [self._checked_for_nan(a) if compares else self.expr(a) for a in e.arguments]
         first = arguments[0]
         if e.name in {"sqrt", "floor"}:
             return core.Unary(FLOAT, e.name, first)
@@ -397,10 +399,12 @@ class ExpressionBuilder:
                 return first
             return self._emit_checked(e.span, "to_int", INT, (first,))
         if e.name == "dot":
-            return self._dot(self.atom(first, e.span, "a"), self.atom(arguments[1], e.span, "b"))
+            return self._dot_product(
+                self.atom(first, e.span, "a"), self.atom(arguments[1], e.span, "b")
+            )
         if e.name == "norm":
             v = self.atom(first, e.span, "v")
-            return core.Unary(FLOAT, "sqrt", self._dot(v, v))
+            return core.Unary(FLOAT, "sqrt", self._dot_product(v, v))
         assert e.name == "saturate"
         v = self.atom(first, e.span, "v")
         limit = self.atom(arguments[1], e.span, "limit")
@@ -418,7 +422,7 @@ class ExpressionBuilder:
         whole = core.Unary(FLOAT, "to_float", ns)
         return core.Binary(FLOAT, "/", whole, core.Const(FLOAT, 1e9))
 
-    def _dot(self, a: core.Expr, b: core.Expr) -> core.Expr:
+    def _dot_product(self, a: core.Expr, b: core.Expr) -> core.Expr:
         total: core.Expr | None = None
         for path, _ in positions_and_types(a.type):
             product = core.Binary(FLOAT, "*", select(a, path), select(b, path))
@@ -435,19 +439,19 @@ class ExpressionBuilder:
     def _lower_index(self, e: typed.Index) -> core.Expr:
         target = self.expr(e.target)
         if not isinstance(target, core.Const):
-            target = self._indexable(target, e.target.span)
+            target = self._indexable_expr(target, e.target.span)
         index = self.index_inside(target, self.expr(e.index), e.index.span)
         return core.Element(e.type, target, index)
 
-    def _indexable(self, e: core.Expr, span: Span) -> core.Expr:
-        """Gives `e` if it can be indexed as it is, else a new temporary that holds its value."""
+    def _indexable_expr(self, e: core.Expr, span: Span) -> core.Expr:
+        """Gives `e` if code can index it directly; else a new temporary that holds its value."""
         probe = e
         while isinstance(probe, (core.Field, core.Element)):
             probe = probe.target
         return e if isinstance(probe, (core.Var, core.Get, core.Const)) else self.let(span, "v", e)
 
     def index_inside(self, target: core.Expr, index: core.Expr, span: Span) -> core.Expr:
-        """Gives an index that is surely inside; emits a check that faults for a wrong `index`."""
+        """Gives an index that is surely inside; emits a check that faults if `index` is outside."""
         t = target.type
         if isinstance(t, ArrayType):
             if isinstance(index, core.Const) and 0 <= index.value < t.size:
@@ -456,7 +460,7 @@ class ExpressionBuilder:
         return self._emit_checked(span, "index", INT, (index,), core.Length(INT, target))
 
     def _lower_length(self, e: typed.TypedLength) -> core.Expr:
-        return core.Length(INT, self._indexable(self.expr(e.target), e.span))
+        return core.Length(INT, self._indexable_expr(self.expr(e.target), e.span))
 
     def _lower_aggregate(self, e: typed.Aggregate) -> core.Expr:
         values = [self.expr(x) for x in e.elements]
@@ -468,7 +472,7 @@ class ExpressionBuilder:
         return core.Make(e.type, tuple(values))
 
     def _lower_choose(self, e: typed.TypedChoose) -> core.Expr:
-        """Gives the choice; emits the options from left to right, and then the choice itself."""
+        """Gives the choice; first emits the options from left to right, then the choice."""
         options = [self.atom(self.expr(o), o.span, "option") for o in e.options]
         ages = None if e.ages is None else self.names[e.ages]
         t = INT if options else core_type(e.type)

@@ -62,7 +62,7 @@ class Builder(ExpressionBuilder):
     # ------------------------------------------------------------ statements
 
     def lower_block(self, statements: tuple[typed.TypedStmt, ...]) -> None:
-        """Lowers statements; those after a possible return run only if it did not happen."""
+        """Lowers statements; code after a possible return runs only without that return."""
         for position, s in enumerate(statements):
             rest = statements[position + 1 :]
             if self._result is not None and may_return(s):
@@ -157,7 +157,7 @@ class Builder(ExpressionBuilder):
         self.emit(core.If(s.span, c, then, otherwise))
 
     def _lower_guarded_body(self, body: tuple[typed.TypedStmt, ...], span: Span) -> None:
-        """Lowers a loop's body, which is skipped once the function has returned."""
+        """Lowers the body of a loop; the emitted code skips it once the function has returned."""
         if self.leave is None or self._result is None or not any(may_return(x) for x in body):
             self.lower_block(body)
             return
@@ -196,7 +196,7 @@ class Builder(ExpressionBuilder):
     def function_body(
         self, body: tuple[typed.TypedStmt, ...], result: Type, span: Span
     ) -> tuple[tuple[core.Stmt, ...], core.Expr]:
-        """Gives the statements and the result of a function, which has a single exit."""
+        """Gives the statements and the result of a function; the function has a single exit."""
         straight = (
             body
             and isinstance(body[-1], typed.TypedReturn)
@@ -231,7 +231,7 @@ def may_return(s: typed.TypedStmt) -> bool:
 
 
 def needs_return_flag(body: tuple[typed.TypedStmt, ...]) -> bool:
-    """Whether a loop in the body may return, so that a flag must tell if it did."""
+    """Whether a loop in the body may return, so that the function needs a flag for that."""
     for s in body:
         if isinstance(s, (typed.ForRange, typed.ForEach)) and may_return(s):
             return True
@@ -243,7 +243,7 @@ def needs_return_flag(body: tuple[typed.TypedStmt, ...]) -> bool:
 
 
 class FunctionTable:
-    """Lowered functions of one system."""
+    """The lowered functions of one system."""
 
     def __init__(self, system: System) -> None:
         self.system = system
@@ -253,7 +253,7 @@ class FunctionTable:
         self._reads: dict[typed.FunSymbol, frozenset[typed.ParamSymbol]] = {}
 
     def unique_name(self, base: str) -> str:
-        """Gives a function's name, made from `base`, that no other function has."""
+        """Gives a name made from `base` that no other function has."""
         name, n = base.replace(".", "_"), 2
         while name in self.by_name:
             name = f"{base.replace('.', '_')}_{n}"
@@ -261,7 +261,7 @@ class FunctionTable:
         return name
 
     def enter_function(self, function: core.Function) -> None:
-        """Enters a function in the table; its callees are there already."""
+        """Enters a function in the table, which already has its callees."""
         assert not (found := broken_promises(self.system, self.by_name, function)), found
         self.by_name[function.name] = function
 
@@ -273,7 +273,7 @@ class FunctionTable:
     ) -> core.Function:
         """Gives the Core function of a source function for these values of parameters.
 
-        Calls share it if the parameters that it reads have equal values, and the same compared
+        Calls share the function if the parameters that it reads are equal, and if the same compared
         operands are checked for NaN.
         """
         nan_checks = maybe_nan & operands_compared_by(fun) if maybe_nan else maybe_nan
@@ -311,7 +311,7 @@ class FunctionTable:
         return function
 
     def _params_of(self, fun: typed.FunSymbol) -> frozenset[typed.ParamSymbol]:
-        """Gives the parameters that a function or its callees read."""
+        """Gives the parameters that a function reads, itself or in its callees."""
         known = self._reads.get(fun)
         if known is None:
             body = list(nodes(fun.body or ()))

@@ -119,7 +119,7 @@ class _Plant:
             b.emit(core.Set(span, b.names[v], v.type, (), value))
 
     def _integrated_states(self) -> core.Expr:
-        """Emits the integration of all `der` states; gives the record of their new values."""
+        """Emits the integration of all `der` states; gives the record with the new values."""
         b, plant, span = self.builder, self.plant, self.plant.span
         step_of_scheme = STEPS[plant.method]
         record = RecordType(tuple((v.name, v.type) for v in plant.der), f"{plant.name}.derivative")
@@ -223,7 +223,7 @@ STEPS = {"euler": _Plant.euler_states, "rk4": _Plant.rk4_states}
 
 
 class _RightHandSide(Builder):
-    """A builder inside a pure function: topics, time and ages come as parameters."""
+    """A builder inside a pure function, which gets topics, time and ages as parameters."""
 
     def __init__(self, functions: FunctionTable, system: System, scope: object) -> None:
         super().__init__(functions, system, scope)  # type: ignore[arg-type]

@@ -49,7 +49,7 @@ def outputs_of(system: System, component: Component) -> tuple[core.Output, ...]:
 
 
 def lower_node(functions: FunctionTable, system: System, component: Component) -> core.NodeStep:
-    """Gives the step of a node in Core; that of an extern node has no body."""
+    """Gives the step of a node in Core; the step of an extern node has no body."""
     node = component.node
     assert node is not None
     builder = Builder(functions, system, component.scope)
@@ -99,7 +99,7 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
 def _lower_shield(
     builder: Builder, component: Component, outputs: tuple[core.Output, ...]
 ) -> core.ShieldStep | None:
-    """Gives the step of the shield that judges a controller's commands; None without one."""
+    """Gives the step of the shield that judges a controller's commands; None without a shield."""
     system = builder.system
     module = None if component.module is None else system.modules[component.module]
     shield = None if module is None else module.shield
@@ -126,7 +126,7 @@ def _lower_shield(
         if proposed is not None:
             _emit_proposals(builder, component, proposed[1], outputs, moves=judges)
         if judges:
-            _emit_guard(builder, component, outputs)
+            _emit_permission_guard(builder, component, outputs)
 
     then, _ = builder.statements_of(emit_judged_step)
     builder.emit(core.If(span, some, then, ()))
@@ -134,7 +134,7 @@ def _lower_shield(
 
 
 def _copy_of_topic(builder: Builder, topic: Topic, base: str, span: Span) -> tuple[core.Cell, str]:
-    """Copies a hidden topic into a new temporary; gives the topic's cell and that name."""
+    """Copies a hidden topic into a new temporary; gives the topic's cell and the temporary."""
     cell = core.Cell("topic", topic.index, topic.name)
     name = builder.unused_name(base)
     builder.emit(core.Let(span, name, core.Get(topic.type, cell), mutable=True))
@@ -149,7 +149,7 @@ def _emit_proposals(
     *,
     moves: bool,
 ) -> None:
-    """Emits that proposals get the numbers a controller would publish; `moves`: and moves them."""
+    """Emits code that proposes a controller's numbers and, if `moves`, moves these numbers."""
     assert component.module is not None
     system, span = builder.system, component.span
     module = system.modules[component.module]
@@ -181,7 +181,7 @@ def _emit_proposals(
 def _emit_moved_output(
     builder: Builder, span: Span, where: tuple[int, tuple[int, ...]], t: Type, value: core.Expr
 ) -> None:
-    """Emits that a number of an output is replaced, if the step publishes that output."""
+    """Emits code that replaces a number of an output, if the step publishes that output."""
     output, place = where
     path: list[int | core.Expr] = []
     inner = t
@@ -198,14 +198,16 @@ def _emit_moved_output(
 
 
 def _read_output(builder: Builder, module: Module, topic: int, new: tuple[int | None, str]) -> None:
-    """Makes later code of a module read from a topic what this step publishes on it."""
+    """Makes later code of a module read the value that this step publishes on a topic."""
     for symbol, index in module.scope.topics.items():
         if index == topic:
             builder.published[symbol] = new
 
 
-def _emit_guard(builder: Builder, component: Component, outputs: tuple[core.Output, ...]) -> None:
-    """Emits a guard: AC's step faults unless the commands that may act then are permitted."""
+def _emit_permission_guard(
+    builder: Builder, component: Component, outputs: tuple[core.Output, ...]
+) -> None:
+    """Emits a guard: AC's step faults if it publishes commands that are not permitted."""
     assert component.module is not None
     module = builder.system.modules[component.module]
     number = {o.topic: k for k, o in enumerate(outputs)}
@@ -225,9 +227,9 @@ def lower_predicate(
     period_ns: int = 0,
     nan_checks: frozenset[typed.TypedExpr] = frozenset(),
 ) -> core.Predicate:
-    """Gives a boolean over topics and truths; `period_ns` is that of a contract's node.
+    """Gives a boolean over topics and truths; `period_ns`: the period of a contract's node.
 
-    `nan_checks`: operands of comparisons at which a NaN is a fault.
+    `nan_checks`: operands of comparisons for which a NaN is a fault.
     """
     builder = Builder(functions, system, scope)
     builder.period_ns = period_ns
@@ -244,14 +246,14 @@ def lower_predicate(
 def lower_dm_predicate(
     functions: FunctionTable, system: System, module: Module, predicate: typed.TypedExpr
 ) -> core.Predicate:
-    """Gives a predicate of the DM, or a part of one, in Core; a compared NaN faults there."""
+    """Gives a predicate of the DM, or a part of it, in Core; comparing a NaN is a fault in it."""
     nan_checks = maybe_nan(system, module, predicate) & operands_compared_in(predicate)
     span = predicate.span
     return lower_predicate(functions, system, module.scope, predicate, span, nan_checks=nan_checks)
 
 
 def lower_decision(functions: FunctionTable, system: System, module: int) -> core.Decision:
-    """Gives a DM's predicates in Core; a missing `ttf` is true, a missing `safer` false."""
+    """Gives a DM's predicates in Core; a missing `ttf` is true, and a missing `safer` is false."""
     m = system.modules[module]
     span = m.symbol.span
     ttf = m.symbol.ttf or typed.Literal(BOOL, span, True)
@@ -288,7 +290,7 @@ def lower_timed(functions: FunctionTable, system: System, timed: TimedProperty) 
 
 
 def lower_premise(functions: FunctionTable, system: System, p: Property) -> core.Predicate | None:
-    """Gives the premise of an `always` that is an implication, else None."""
+    """Gives the premise of an `always` property that is an implication; None for others."""
     premise = premise_of(p.condition) if p.kind == "always" else None
     if premise is None:
         return None

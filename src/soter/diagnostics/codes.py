@@ -59,7 +59,7 @@ def all_words() -> list[str]:
 
 
 def known_code(code: str) -> str | None:
-    """A code or word as its page spells it, from any letter case; None if it has no page."""
+    """A code or word in the spelling of its page, from any letter case; None if it has no page."""
     folded = code.strip().casefold()
     return _codes_by_folded().get(folded) or _words_by_folded().get(folded)
 
@@ -71,13 +71,13 @@ def explain(code: str) -> str | None:
 
 
 def title(code: str) -> str | None:
-    """The title of a code's page: the text behind `# CODE:` on its first line; or None."""
+    """The title of a code's page, which follows `# CODE:` on the first line; None if no page."""
     page = explain(code)
     return None if page is None else page.split("\n", 1)[0].partition(":")[2].strip()
 
 
 def similar_codes(code: str) -> list[str]:
-    """Codes spelt like an unknown one, the most similar first."""
+    """Codes with a spelling similar to an unknown one; the most similar comes first."""
     known = {**_codes_by_folded(), **_words_by_folded()}
     near = closest(code.strip().casefold()[:20], known, 0.5, 3)
     return [known[folded] for folded in near]
@@ -97,17 +97,17 @@ def _words_by_folded() -> dict[str, str]:
 def _read_page(code: str) -> str:
     folder = _PAGES / "words" if code in _words_by_folded().values() else _PAGES
     page = (folder / f"{code}.md").read_text(encoding="utf-8")
-    return _EXAMPLE.sub(_with_remedy, page)
+    return _EXAMPLE.sub(_example_as_diff, page)
 
 
 _EXAMPLE = re.compile(r"^```soter,wrong\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-def _with_remedy(example: re.Match[str]) -> str:
-    """An example as a difference: `-` before the wrong lines, `+` before the right ones.
+def _example_as_diff(example: re.Match[str]) -> str:
+    """An example as a difference: `-` before wrong lines, and `+` before right lines.
 
-    In the file a line `code  a -> b` has b in place of a, `code  leave out` goes, and `// and:
-    code` is a line more; without any of them the remedy is said in words.
+    In the file, a line `code // a -> b` has b in place of a, `code // leave out` is removed, and
+    `// and: code` is an added line. Without any of these, the example stays as it is.
     """
     lines: list[str] = []
     for line in example[1].splitlines():

@@ -35,12 +35,12 @@ Shape: TypeAlias = "JsonObject | dict[str, object] | tuple[JsonObject, dict[str,
 
 
 def one_of(*values: object) -> dict[str, object]:
-    """The JSON schema of a field whose value is one of these."""
+    """The JSON schema of a field that has one of these values."""
     return {"enum": list(values)}
 
 
 class JsonObject:
-    """The fields of a JSON object, and how each is computed from a record."""
+    """The fields of a JSON object, and how to compute each from a record."""
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class JsonObject:
 
 
 def _path_reader(path: str) -> Callable[[Any], object]:
-    """A function that reads from a record the value at a path of `JsonObject.fields`."""
+    """A function that reads the value at a path of `JsonObject.fields` from a record."""
 
     def value(record: Any) -> object:  # noqa: ANN401 - any record
         for name in path.rstrip("?*").removesuffix("/s").split("."):
@@ -90,7 +90,7 @@ def _path_reader(path: str) -> Callable[[Any], object]:
 
 
 def _field_value(record: object, name: str) -> object:
-    """A field of a record; for a list, a list of that field; None for None."""
+    """A field of a record; for a list of records, the list of that field; None for None."""
     if _is_list(record):
         return [_field_value(one, name) for one in record]
     return None if record is None else getattr(record, name)
@@ -102,7 +102,7 @@ def _is_list(value: object) -> TypeGuard[Sequence[object]]:
 
 
 def _json_value(value: object, shape: Shape | None) -> object:
-    """The JSON for a value of a record; TypeError if its type has none."""
+    """The JSON for a value of a record; TypeError if JSON has no form for its type."""
     if isinstance(value, Mapping):
         return {str(name): _json_value(part, shape) for name, part in value.items()}
     if _is_list(value):
@@ -126,10 +126,10 @@ _SIZE = re.compile(r"([0-9]{1,15}(?:\.[0-9]{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGN
 
 @dataclass(frozen=True)
 class Kind:
-    """What values an option takes. `text`: how a command line reads one, a name or a function.
+    """A kind of option, and its values. `text`: the reader for a command line, a name or function.
 
-    `allowed`: the range in words; `fits`: its test; `read`: what is made of a value that fits.
-    `in_python`: a pattern for the option's words in Python, where the unit has to be said.
+    `allowed`: the range in words; `fits`: a test of a value; `read`: converts a value that fits.
+    `in_python`: a pattern for the option's help in Python, where it has to state the unit.
     """
 
     text: str | Callable[[str], Any] = ""
@@ -146,7 +146,7 @@ SEVERAL, SWITCH = Kind("several"), Kind("switch")
 
 
 def read_by(function: Callable[[str], Any]) -> Kind:
-    """The kind of option whose text a function reads; ArgumentTypeError for wrong text."""
+    """The kind of option whose text `function` reads; wrong text raises ArgumentTypeError."""
     return Kind(function)
 
 
@@ -169,7 +169,7 @@ def whole(low: int, high: int, text: str = "whole", in_python: str = "{}") -> Ki
 
 
 def seconds(low: str, high: int, *, optional: bool = False) -> Kind:
-    """The kind of option for seconds up to `high`; `low`: the lower end, "from 0 ..." allows 0."""
+    """The kind of option for seconds up to `high`; `low`: its lower end in words."""
 
     def fits(value: object) -> bool:
         if value is None or isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -180,7 +180,7 @@ def seconds(low: str, high: int, *, optional: bool = False) -> Kind:
 
 
 def size(low: int) -> Kind:
-    """The kind of option for a size of at least `low` bytes, as a number or text like `512M`."""
+    """The kind of option for a size of at least `low` bytes, written as a number or as `512M`."""
     return Kind(
         "size",
         "write it as 512M or 2G; 1M at least",
@@ -190,7 +190,7 @@ def size(low: int) -> Kind:
 
 
 def bytes_of(size_: int | str) -> int | None:
-    """The bytes that a number or a text like `512M` means; None for anything else."""
+    """The number of bytes that a number or a text like `512M` means; None for any other text."""
     if isinstance(size_, int):
         return None if isinstance(size_, bool) else size_
     match = _SIZE.fullmatch(size_.strip()) if isinstance(size_, str) else None
@@ -199,16 +199,16 @@ def bytes_of(size_: int | str) -> int | None:
 
 @dataclass(frozen=True)
 class Option:
-    """The description of one option, a field of a record.
+    """The description of one option, which is a field of a record.
 
-    `flags`: how it is written on a command line, "" where it is not there: flags, then one word
-    for its value. `-o --output DIR`: a value after either flag. `FILE`: without a flag it stands by
-    its position. `--diff`: without a word for a value it is a switch. `--format {a,b}`: the value
-    is one of these. `FILE...`: at least one value; `[LOG...]`: any number of them. `[SIZE]`: it
-    may be left out; after a flag, as in `--report [PATH]`, the value is then "".
-    `default`: the default as a caller writes it, Ellipsis where a value is required.
-    `words`: its help, with `{default}` and `{text}`, how a text is written. `json_name`: its field
-    in the JSON document of a result. `keyword`: whether callers in Python have it, too.
+    `flags`: its form on a command line, "" if it has none: flags, then one word for its value. `-o
+    --output DIR`: a value after either flag. `FILE`: no flag, the position decides. `--diff`: a
+    switch, as it has no word for a value. `--format {a,b}`: the value is one of these. `FILE...`:
+    at least one value; `[LOG...]`: any number of values. `[SIZE]`: it may be left out; after a
+    flag, as in `--report [PATH]`, the value is then "". `default`: the default as a caller writes
+    it, Ellipsis if a value is required. `words`: its help, with `{default}`, and `{text}` for the
+    form of a text. `json_name`: its field in the JSON document of a result. `keyword`: whether
+    callers in Python have the option, too.
     """
 
     flags: str
@@ -220,12 +220,12 @@ class Option:
 
     @property
     def dashed(self) -> bool:
-        """Whether a command line has it as a flag, not at a position."""
+        """Whether a command line names the option by a flag, not by its position."""
         return self.flags.startswith("-")
 
     @property
     def flag(self) -> str:
-        """The option's name on a command line: its long flag, or else its first word."""
+        """The option's name on a command line: its long flag, or its first word if it has none."""
         words = self.flags.split()
         return next((w for w in words if w.startswith("--")), words[0]).strip("[].")
 
@@ -235,7 +235,7 @@ class Option:
 
     @property
     def meaning(self) -> str:
-        """The help for callers in Python, with the value's unit."""
+        """The help for callers in Python, which states the unit of the value."""
         return self.kind.in_python.format(self.help())
 
 
@@ -255,7 +255,7 @@ def option(
 
 
 def options_of(record: type, *, keyword: bool = False) -> dict[str, Option]:
-    """The options of a record by name, in order; with `keyword` only those for Python."""
+    """The options of a record by name, in order; with `keyword`, only those that Python has."""
     return {
         f.name: f.metadata["option"]
         for f in fields(record)
@@ -266,11 +266,11 @@ def options_of(record: type, *, keyword: bool = False) -> dict[str, Option]:
 def unused_options(
     record: type, values: Mapping[str, object], written: Collection[str], *, flags: bool
 ) -> tuple[Diagnostic, ...]:
-    """U001 for each option that was given, though by `record.NEEDS` it does nothing then.
+    """A U001 for each written option that has no effect, according to `record.NEEDS`.
 
-    `NEEDS`: rows of a condition and names of options: `a|b` one of them is given, `a=x,y` it has
-    one of these values; `!a` and `!a=x` the contrary. `values`: those of all options; `written`:
-    which of them were given; `flags`: name options as a command line does.
+    Each row of `NEEDS` has a condition and names of options. `a|b`: one of these is written;
+    `a=x,y`: it has one of these values; `!a` and `!a=x`: the contrary. `values`: the values of all
+    options; `written`: names of the written ones; `flags`: name options as a command line does.
     """
     options, problems = options_of(record), list[Diagnostic]()
 
@@ -292,14 +292,14 @@ def unused_options(
 def refuse_needless(so: str, **options: bool) -> None:
     """Raises SoterError U001 for each true keyword, which a method without a record ignores.
 
-    `so`: when it ignores them, such as "beside `log`".
+    `so`: the condition under which it ignores them, such as "beside `log`".
     """
     if idle := [n for n, is_given in options.items() if is_given]:
         raise SoterError(tuple(Diagnostic("U001", f"`{n}` does nothing {so}") for n in idle))
 
 
 def removed_flags(record: type, flags: Sequence[str]) -> tuple[Diagnostic, ...]:
-    """U001 for each flag in `record.GONE`, which older versions had, with what to do instead."""
+    """A U001 for each flag in `record.GONE`, which older versions had; its help is a substitute."""
     remedies = {flag: remedy for row, remedy in getattr(record, "GONE", ()) for flag in row.split()}
     asked = dict.fromkeys(flag for flag in flags if flag in remedies)
     return tuple([Diagnostic("U001", f"`{f}` is gone", helps=(remedies[f],)) for f in asked])
@@ -308,7 +308,7 @@ def removed_flags(record: type, flags: Sequence[str]) -> tuple[Diagnostic, ...]:
 def make_record(record: type[Record], keywords: Mapping[str, object]) -> Record:
     """A record from keywords; SoterError U001 with all wrong values, TypeError for wrong names.
 
-    A keyword that has the value of its default counts as one that is left out.
+    A keyword with the default as its value counts as left out.
     """
     options, problems = options_of(record, keyword=True), []
     for name, value in keywords.items():
@@ -331,7 +331,7 @@ def make_record(record: type[Record], keywords: Mapping[str, object]) -> Record:
 class takes:  # noqa: N801 - a decorator
     """Gives a method with `**options` the signature and docstring of a record's options.
 
-    The record, `room.file.Class`, is imported when somebody looks the method up.
+    The record `room.file.Class` is imported when a program first looks the method up.
     """
 
     def __init__(self, record: str) -> None:
@@ -346,12 +346,14 @@ class takes:  # noqa: N801 - a decorator
         """The method, with its signature and docstring."""
         if self.record:
             module, _, name = self.record.rpartition(".")
-            _describe(self.method, options_of(getattr(import_module(module), name), keyword=True))
+            _set_signature_and_doc(
+                self.method, options_of(getattr(import_module(module), name), keyword=True)
+            )
             self.record = ""
         return self.method.__get__(one, owner)
 
 
-def _describe(method: Any, known: Mapping[str, Option]) -> None:  # noqa: ANN401 - as above
+def _set_signature_and_doc(method: Any, known: Mapping[str, Option]) -> None:  # noqa: ANN401 - as above
     signature = inspect.signature(method)
     parameters = [p for p in signature.parameters.values() if p.kind != p.VAR_KEYWORD]
     parameters += [

@@ -41,7 +41,7 @@ def phase(name: str, *, anew: bool = False) -> None:
 
 @contextmanager
 def passing_phase(name: str) -> Iterator[None]:
-    """Makes the block a phase of its own; afterwards the earlier phase continues."""
+    """Makes the block a separate phase; after the block, the earlier phase continues."""
     before = _current.get()
     phase(name)
     try:
@@ -52,7 +52,7 @@ def passing_phase(name: str) -> Iterator[None]:
 
 @contextmanager
 def within_phase() -> Iterator[None]:
-    """Hides the phases of this block from the listener, as parts of the phase around it."""
+    """Hides the phases of this block from the listener, which sees only the phase around it."""
     before = _listener.set(None)
     try:
         yield
@@ -61,14 +61,14 @@ def within_phase() -> Iterator[None]:
 
 
 def share_done(share: float, stage: str = "") -> None:
-    """Reports the share done, 0 to 1, of the whole or of a stage; the listener may raise."""
+    """Reports the share done, 0 to 1, of all work or of a stage; the listener may raise."""
     if (hears := _share_hearer.get()) is not None:
         hears(share, stage)
 
 
 @contextmanager
 def shares_to(hears: Told | None) -> Iterator[None]:
-    """Sends the shares of this block, in this thread, to `hears(share, stage)` unless None."""
+    """Sends the shares of this block, in this thread, to `hears(share, stage)`; None hides them."""
     before = _share_hearer.set(hears)
     try:
         yield
@@ -77,16 +77,16 @@ def shares_to(hears: Told | None) -> Iterator[None]:
 
 
 def whole_shares_to(progress: Callable[[float], None] | None) -> AbstractContextManager[None]:
-    """Sends shares of the whole, not of stages, to `progress(share)`; None changes nothing."""
+    """Sends shares of all work, not of stages, to `progress(share)`; None changes nothing."""
     if progress is None:
         return nullcontext()
     return shares_to(lambda share, stage: None if stage else progress(share))
 
 
 def between(low: float, high: float, stages: Sequence[str] = ()) -> AbstractContextManager[None]:
-    """Scales the shares of this block to [low, high] of the block around it; they never fall.
+    """Scales the shares of this block to [low, high] of the outer block; they never fall.
 
-    `stages`: names of equal parts of this block, in order; shares of other stages go on unscaled.
+    `stages`: names of equal parts of this block, in order; shares of other stages stay unscaled.
     """
     hears, furthest = _share_hearer.get(), 0.0
     if hears is None:
@@ -118,14 +118,14 @@ def cancelled_when(due: Callable[[], bool]) -> AbstractContextManager[None]:
 
 
 def announce(text: Callable[[], str]) -> None:
-    """Gives the announcer, if there is one, the line that `text()` makes, unless it is ""."""
+    """Passes the line `text()` to the announcer, if one is set and the line is not ""."""
     announcer = _announcer.get()
     if announcer is not None and (line := text()):
         announcer(line)
 
 
 def lasting(seconds: float, to_s: int = 1) -> str:
-    """An estimated time in words: in whole minutes, or in multiples of `to_s` seconds."""
+    """An estimated time in words: whole minutes, or a multiple of `to_s` seconds."""
     minutes = seconds >= MINUTES_FROM_S
     return f"{seconds / 60:.0f} min" if minutes else f"{to_s * round(seconds / to_s)} s"
 

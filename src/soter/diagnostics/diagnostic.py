@@ -54,7 +54,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A half-open range of character offsets `[start, end)` in one source file."""
+    """A range of character offsets in a source file: from `start` to before `end`."""
 
     source: Source
     start: int
@@ -76,7 +76,7 @@ class Span:
         return self.source.text[self.start : self.end]
 
     def to(self, other: Span) -> Span:
-        """The span from the start of this one to the end of `other`."""
+        """The span from the start of this span to the end of `other`."""
         return Span(self.source, self.start, max(self.end, other.end))
 
 
@@ -90,9 +90,9 @@ class Edit:
 
 @dataclass(frozen=True)
 class Fix:
-    """Edits that belong together, of one file or several; `title` is the help line they carry out.
+    """Edits that belong together, in one file or several; `title` is the help line for them.
 
-    Edits do not overlap. Applied together they remove the problem that offers them.
+    The edits do not overlap. All of them together remove the problem that offers them.
     """
 
     title: str
@@ -104,7 +104,7 @@ Help = str | Fix
 
 
 def help_texts(helps: Iterable[Help]) -> tuple[str, ...]:
-    """The help lines as texts; that of a fix is its title."""
+    """The help lines as texts; the text of a fix is its title."""
     return tuple(h.title if isinstance(h, Fix) else h for h in helps)
 
 
@@ -128,7 +128,7 @@ class Severity(Enum):
 
 @dataclass(frozen=True)
 class Label:
-    """A span with a text about it, perhaps ""."""
+    """A span, and a text about it, which may be ""."""
 
     span: Span
     text: str = ""
@@ -136,11 +136,11 @@ class Label:
 
 @dataclass(frozen=True)
 class Diagnostic:
-    """One problem: `message` is lower case, names in backticks, no full stop.
+    """One problem; `message` is lower case, has names in backticks, and no full stop.
 
-    `primary` is where the problem stands, None for problems of no file (a missing file, a
-    command-line value). `notes` explain; only `helps` suggest. A help that is an edit is in
-    `fixes`, too, and its title in `helps`.
+    `primary` is the place of the problem; None if it is in no file (a missing file, a command-line
+    value). `notes` explain, and only `helps` suggest. A help that is an edit is also in `fixes`,
+    and its title in `helps`.
     """
 
     code: Code
@@ -162,7 +162,7 @@ def make_diagnostic(
     helps: tuple[Help, ...] = (),
     severity: Severity = Severity.ERROR,
 ) -> Diagnostic:
-    """A diagnostic; helps that are fixes are also put into its `fixes`."""
+    """A diagnostic; a help that is a fix is also in its `fixes`."""
     return Diagnostic(
         *(code, message, primary, secondary, notes, help_texts(helps), severity, help_fixes(helps))
     )
@@ -182,7 +182,7 @@ class Diagnostics:
         self._names_left = NAMES_COMPARED
 
     def add(self, diagnostic: Diagnostic) -> None:
-        """Keeps a diagnostic unless one with its code, place and message is kept already."""
+        """Keeps a diagnostic unless it already has one with the same code, place and message."""
         span = diagnostic.primary.span if diagnostic.primary else None
         key = (
             diagnostic.code,
@@ -205,7 +205,7 @@ class Diagnostics:
 
     @contextmanager
     def trial(self) -> Iterator[Callable[[], bool]]:
-        """Discards what the block reports; then the given function says if it had no error."""
+        """Discards all reports of the block; yields a function that says if it had no error."""
         items, seen, errors, names = (
             len(self._items),
             set(self._seen),
@@ -221,16 +221,16 @@ class Diagnostics:
             self._seen, self._errors, self._names_left = seen, errors, names
 
     def may_look_at(self, names: int) -> bool:
-        """Whether a suggestion may compare so many more names, which are counted."""
+        """Whether a suggestion may compare `names` more names; counts these names."""
         self._names_left -= names
         return self._names_left >= 0 and len(self._items) <= KEPT_MAX
 
     def did_you_mean(
         self, name: str, candidates: Iterable[str], span: Span | None = None
     ) -> tuple[Help, ...]:
-        """A help line with the most similar candidate; () if none is similar.
+        """A help line with the most similar candidate; () if no candidate is similar.
 
-        With the `span` of the name the help line is an edit.
+        If `span`, the place of the name, is set, the help line is an edit.
         """
         if not self.may_look_at(0):
             return ()
@@ -317,7 +317,7 @@ class SoterError(Exception):
     """A user's mistake as diagnostics; it is never shown as a traceback."""
 
     def __init__(self, diagnostics: tuple[Diagnostic, ...] | SoterError) -> None:
-        """`diagnostics`, or another `SoterError` whose diagnostics this one takes over."""
+        """Takes `diagnostics`, or copies the diagnostics of another `SoterError`."""
         self.diagnostics: tuple[Diagnostic, ...] = (
             diagnostics.diagnostics  # gymnasium.vector: `raise type(error)(error)`
             if isinstance(diagnostics, SoterError)
@@ -333,5 +333,5 @@ class SoterError(Exception):
 
 
 def mistake(code: Code, message: str, *helps: str, notes: tuple[str, ...] = ()) -> SoterError:
-    """A SoterError with one diagnostic without a place; empty `helps` are left out."""
+    """A SoterError with one diagnostic that has no place; leaves out empty `helps`."""
     return SoterError((Diagnostic(code, message, notes=notes, helps=tuple(filter(None, helps))),))

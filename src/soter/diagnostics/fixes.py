@@ -11,7 +11,7 @@ from soter.diagnostics.diagnostic import Edit, Fix, Source, Span
 
 
 def replace(span: Span, text: str, title: str | None = None) -> Fix:
-    """The fix that writes `text` in place of a span; `title`: by default "write ..."."""
+    """The fix that writes `text` in place of a span; `title` is "write ..." if None."""
     return Fix(title or f"write `{' '.join(text.split())}`", (Edit(span, text),))
 
 
@@ -26,7 +26,7 @@ def append(span: Span, text: str, title: str | None = None) -> Fix:
 
 
 def remove(span: Span, title: str) -> Fix:
-    """The fix that deletes a span, and its line if nothing else stands there."""
+    """The fix that deletes a span, or its whole line if the line has nothing else."""
     return Fix(title, (Edit(whole_lines(span), ""),))
 
 
@@ -45,7 +45,7 @@ def remove_from_list(span: Span, title: str) -> Fix:
 
 
 def whole_lines(span: Span) -> Span:
-    """The span with its blanks and line break, if nothing else stands on its lines."""
+    """The span; extended by its blanks and line break if its lines have nothing else."""
     text = span.source.text
     start, end = span.start, span.end
     while start and text[start - 1] in " \t":
@@ -68,7 +68,7 @@ def exchange_bounds(low: Span, high: Span) -> Fix:
 
 
 def apply_fix(fix: Fix) -> dict[Source, str]:
-    """By source: its text after a fix; nothing is written. ValueError if two edits overlap."""
+    """By source: its text after a fix; changes no file. ValueError if two edits overlap."""
     by_source: dict[Source, list[Edit]] = {}
     for edit in fix.edits:
         by_source.setdefault(edit.span.source, []).append(edit)

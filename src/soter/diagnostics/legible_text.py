@@ -18,9 +18,9 @@ COLOURS = re.compile("(\x1b\\[(?:0|1|2|34|1;3[1-4])m)")
 
 
 def legible(text: str, *, color: bool = False, words: Iterable[str] = ()) -> str:
-    """The text without sequences that a terminal or GitHub would obey.
+    """The text without sequences that a terminal or GitHub would execute.
 
-    `color`: keeps our own colours; `words`: of the command line, which may add no lines.
+    `color`: keeps our colours; `words`: words of the command line, which may add no lines.
     """
     for part in {w[max(0, i - 4) : i + 5] for w in words for i, c in enumerate(w) if c == "\n"}:
         text = text.replace(part, part.replace("\n", "\r")) if len(part.strip()) > 1 else text

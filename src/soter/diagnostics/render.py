@@ -36,7 +36,7 @@ _BLUE = "\x1b[1;34m"
 
 @dataclass(frozen=True)
 class _Mark:
-    """A label on one line: character columns `[start, end)` from 0."""
+    """A label on one line, in the character columns `[start, end)`, counted from 0."""
 
     start: int
     end: int
@@ -56,7 +56,7 @@ class _Paint:
 
 
 def render(diagnostic: Diagnostic, *, color: bool = False) -> str:
-    """A diagnostic as lines of text, without a line break at the end."""
+    """A diagnostic as lines of text; the last line has no line break."""
     paint = _Paint(diagnostic.severity, color=color)
     head = f"{diagnostic.severity.value}[{diagnostic.code}]"
     lines = [paint(paint.severity, head) + paint(_BOLD, f": {safe(diagnostic.message)}")]
@@ -73,7 +73,7 @@ def render(diagnostic: Diagnostic, *, color: bool = False) -> str:
 
 
 def render_all(diagnostics: Iterable[Diagnostic], *, color: bool = False) -> str:
-    """All diagnostics, a blank line between them, and their counts; "" if there are none."""
+    """All diagnostics with blank lines between them, and their number; "" for none."""
     items = list(diagnostics)
     if not items:
         return ""
@@ -90,7 +90,7 @@ def summary(diagnostics: Sequence[Diagnostic]) -> str:
 
 
 def to_json(diagnostic: Diagnostic) -> dict[str, object]:
-    """A diagnostic as plain data; its places are null if it stands in no file."""
+    """A diagnostic as plain data; its places are null if it is in no file."""
     primary = diagnostic.primary
     labels = [*([primary] if primary else []), *diagnostic.secondary]
     return {
@@ -139,7 +139,7 @@ def _all_labels(diagnostic: Diagnostic) -> list[tuple[Label, bool]]:
 
 
 def _gutter_width(diagnostic: Diagnostic) -> int:
-    """The digits of the largest line number, at least two, so that notes have a gutter."""
+    """The number of digits of the largest line number, but at least two."""
     numbers = [len(str(label.span.line)) for label, _ in _all_labels(diagnostic)]
     return max([2, *numbers])
 
@@ -148,7 +148,7 @@ def _gutter_width(diagnostic: Diagnostic) -> int:
 
 
 def _sections(diagnostic: Diagnostic, width: int, paint: _Paint) -> list[str]:
-    """The lines of each file's section; the section with the primary span is first."""
+    """The lines of a section for each file; the section with the primary span is first."""
     by_source: dict[int, tuple[Source, list[tuple[Label, bool]]]] = {}
     for label, primary in _all_labels(diagnostic):
         source = label.span.source
@@ -184,7 +184,7 @@ def _source_lines(
 
 
 def _mark_groups(marks: list[_Mark], length: int) -> list[list[_Mark]]:
-    """Groups of marks that can be shown together; there is one group unless the line is long."""
+    """Groups of marks that can be shown together; more than one group only on a long line."""
     ordered = sorted(marks, key=lambda m: (m.start, m.end))
     if length <= _LINE_MAX:
         return [ordered]
@@ -210,7 +210,7 @@ def _marked_line(
     shift = len(before)
 
     def column(character: int) -> int:
-        """The screen column of a character of the line, or of the place behind the last one."""
+        """The screen column of a character of the line; also of the position after the last one."""
         return shift + columns[min(max(character, low), high) - low]
 
     placed = []
@@ -226,7 +226,7 @@ def _marked_line(
 
 
 def _printable_line(text: str) -> tuple[str, list[int]]:
-    """The printable form of a line, and the screen column where each character begins."""
+    """The line in printable form, and the screen column where each character begins."""
     parts: list[str] = []
     columns: list[int] = []
     at = 0
@@ -255,7 +255,7 @@ _Placed = tuple[int, int, _Mark]
 
 
 def _rows_of_marks(placed: list[_Placed]) -> list[list[_Placed]]:
-    """Rows of marks that do not overlap in their row; the primary mark is in the first."""
+    """Rows of marks; marks in a row do not overlap, and the first row has the primary mark."""
     rows: list[list[_Placed]] = []
     for item in sorted(placed, key=lambda p: (not p[2].primary, p[0])):
         for row in rows:
@@ -268,7 +268,7 @@ def _rows_of_marks(placed: list[_Placed]) -> list[list[_Placed]]:
 
 
 def _lines_of_row(row: list[_Placed], paint: _Paint) -> list[str]:
-    """A line with carets and dashes, and a line for each text that has no room behind it."""
+    """A line of carets and dashes, then a line for each text that does not fit after them."""
     line, at = "", 0
     for start, end, mark in row:
         sign = "^" if mark.primary else "-"
@@ -297,7 +297,7 @@ HERE = str(Path(__file__).resolve().parents[1])
 
 
 def traceback_lines(error: SoterError) -> list[str]:
-    """The calls in a traceback that are not in Soter, and then the diagnostics."""
+    """The calls in a traceback that are outside of Soter, followed by the diagnostics."""
     frames = [
         f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith(HERE)
     ]

@@ -21,7 +21,7 @@ CANDIDATES_MAX = 30_000
 def closest(name: str, candidates: Iterable[str], cutoff: float = 0.6, count: int = 1) -> list[str]:
     """At most `count` candidates that are similar to the name, the most similar first.
 
-    `cutoff` is the least ratio of `difflib`, in which equal texts have 1.
+    `cutoff` is the least ratio of `difflib`, which is 1 for equal texts.
     """
     if len(name) > NAME_MAX:
         return []
@@ -37,7 +37,7 @@ def closest(name: str, candidates: Iterable[str], cutoff: float = 0.6, count: in
 
 
 def likely_name(name: str, candidates: Iterable[str]) -> str | None:
-    """The most similar candidate, perhaps in another letter case; None if none is similar."""
+    """The most similar candidate, perhaps in another letter case; None if no candidate is."""
     if len(name) > NAME_MAX:
         return None
     most = 1 + len(name) // 3
@@ -52,13 +52,13 @@ def likely_name(name: str, candidates: Iterable[str]) -> str | None:
 
 
 def did_you_mean(name: str, candidates: Iterable[str]) -> tuple[str, ...]:
-    """A help line with the most similar candidate; () if none is similar."""
+    """A help line with the most similar candidate; () if no candidate is similar."""
     near = likely_name(name, candidates)
     return (f"did you mean `{near}`?",) if near else ()
 
 
 def nearest_or_all(name: str, known: Iterable[str]) -> str:
-    """A help line with the most similar known name, else with all names; "" without names."""
+    """A help line with the known name most like `name`, or else all names; "" without names."""
     names = [" ".join(n.splitlines()) for n in known]  # a help may have several lines, a name not
     if near := closest(name, names):
         return f"did you mean `{near[0]}`?"

@@ -30,7 +30,7 @@ STRAIGHT = 6.0
 
 @dataclass(eq=False)
 class Spot:
-    """A box, or the place where an arrow passes a layer (`box` is None, and `width` small)."""
+    """A box, or a point where an arrow passes a layer (`box` is None, and `width` small)."""
 
     width: float
     height: float
@@ -42,9 +42,9 @@ class Spot:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A line from the lower edge of one spot to the upper edge of one in the next layer.
+    """A line from the lower edge of a spot to the upper edge of a spot in the next layer.
 
-    `up`: the arrow leads upwards. `ends`: whether its head is here. Each x is from its spot's left.
+    `up`: the arrow leads upwards. `ends`: whether its head is here. x is from a spot's left edge.
     """
 
     above: Spot
@@ -59,7 +59,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Link:
-    """An arrow between boxes (by index), with the places on them where it begins and ends."""
+    """An arrow between boxes (by index), with the points on them where it begins and ends."""
 
     source: int
     source_x: float
@@ -79,7 +79,7 @@ class GraphLayout:
 def lay_out(
     sizes: Sequence[tuple[float, float]], links: Sequence[Link], first: frozenset[int]
 ) -> GraphLayout:
-    """Places boxes of these sizes (px), if possible `first` on top; omits arrows to oneself."""
+    """Places boxes of these sizes (px), `first` on top if possible; omits loops at one box."""
     links = [link for link in links if link.source != link.target]
     order = _box_sequence(len(sizes), links, first)
     layer = _box_layers(len(sizes), links, order, first)
@@ -97,7 +97,7 @@ def lay_out(
 
 
 def _box_sequence(count: int, links: Sequence[Link], first: frozenset[int]) -> list[int]:
-    """By box: its position in an order that few arrows run against; `first` come first."""
+    """By box: its position in an order that few arrows oppose; boxes in `first` come first."""
     left = dict.fromkeys(i for i in range(count) if i not in first)
     head, tail = sorted(first), list[int]()
     while left:
@@ -111,7 +111,7 @@ def _box_sequence(count: int, links: Sequence[Link], first: frozenset[int]) -> l
             head += sources
             removed = sources
         else:
-            removed = [max(left, key=lambda i: (_arrow_surplus(i, left, links), -i))]
+            removed = [max(left, key=lambda i: (_outgoing_surplus(i, left, links), -i))]
             head += removed
         for i in removed:
             del left[i]
@@ -119,7 +119,7 @@ def _box_sequence(count: int, links: Sequence[Link], first: frozenset[int]) -> l
     return [position[i] for i in range(count)]
 
 
-def _arrow_surplus(i: int, left: dict[int, None], links: Sequence[Link]) -> int:
+def _outgoing_surplus(i: int, left: dict[int, None], links: Sequence[Link]) -> int:
     out = sum(k.source == i and k.target in left for k in links)
     return out - sum(k.target == i and k.source in left for k in links)
 
@@ -127,7 +127,7 @@ def _arrow_surplus(i: int, left: dict[int, None], links: Sequence[Link]) -> int:
 def _box_layers(
     count: int, links: Sequence[Link], order: Sequence[int], first: frozenset[int]
 ) -> list[int]:
-    """By box: its layer, from its longest path, then moved towards its neighbours."""
+    """By box: its layer, by its longest path, then moved closer to its neighbours."""
     above, below = _joined_boxes(count, links, order)
     downward = sorted(range(count), key=lambda i: order[i])
     layer = [0] * count
@@ -149,7 +149,7 @@ def _box_layers(
 def _joined_boxes(
     count: int, links: Sequence[Link], order: Sequence[int]
 ) -> tuple[list[list[int]], list[list[int]]]:
-    """By box: the boxes joined to it by an arrow, those before it and those after it."""
+    """By box: the boxes before it that an arrow joins to it, and such boxes after it."""
     above: list[list[int]] = [[] for _ in range(count)]
     below: list[list[int]] = [[] for _ in range(count)]
     ends = {(k.source, k.target) for k in links}
@@ -180,7 +180,7 @@ def _connect_boxes(layout: GraphLayout, spots: Sequence[Spot], links: Sequence[L
 
 
 def _meeting_x(spot: Spot, x: float, *, up: bool) -> float:
-    """The x on a spot where an arrow meets it; upward arrows stand beside downward ones."""
+    """The x on a spot where an arrow meets it; an upward arrow is beside the downward ones."""
     return min(x + UPWARDS_PX, spot.width - BEND_PX / 2) if up else x
 
 
@@ -193,7 +193,7 @@ def _add_piece(
     up: bool,
     ends: bool,
 ) -> None:
-    """Adds a piece, unless another arrow with the same piece has added it."""
+    """Adds a piece, unless it was added for another arrow."""
     source, source_x, target, target_x = way
     key = (id(source), id(target), source_x, target_x)
     if key in drawn:
@@ -230,7 +230,7 @@ def _spot_positions(layer: Sequence[Spot]) -> dict[Spot, float]:
 
 
 def _share(spot: Spot, x: float) -> float:
-    """The place where a line meets a spot, as a share of the spot's width: 0 to less than 1."""
+    """The position x on a spot as a share of the spot's width: from 0 to less than 1."""
     return 0.98 * x / max(spot.width, 1e-9)
 
 
@@ -282,7 +282,7 @@ def _crossings_between(layout: GraphLayout, n: int) -> int:
 
 
 def _place_spots(layout: GraphLayout) -> None:
-    """Gives every spot an x as near to what its neighbours want as the widths permit."""
+    """Gives every spot an x, as near to the x that its neighbours want as the widths permit."""
     for layer in layout.layers:
         x = 0.0
         for spot in layer:
@@ -314,7 +314,7 @@ def _wanted_x(spot: Spot, joined: Sequence[tuple[float, Spot, float]]) -> tuple[
 
 
 def _nearest_places(layer: Sequence[Spot], wishes: Sequence[tuple[float, float]]) -> list[float]:
-    """The x nearest to the wanted ones, by weighted least squares, with order and gaps kept."""
+    """The x of each spot, near the wanted x by weighted least squares; keeps order and gaps."""
     starts = [0.0]
     for spot, other in pairwise(layer):
         gap = GAP_PX if spot.box is not None and other.box is not None else BEND_PX

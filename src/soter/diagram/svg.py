@@ -129,7 +129,7 @@ def _part_size(part: Part) -> tuple[float, float]:
 
 
 def _anchors_x(part: Part, left: float = 0.0) -> dict[str, float]:
-    """By key: the x where arrows meet a part or one inside it, from the outermost left edge."""
+    """By key: the x where arrows meet a part or a part inside it; counts from the left edge."""
     width, _ = _part_size(part)
     x_by_key = {part.key: left + width / 2}
     if isinstance(part, ModuleFrame):
@@ -141,7 +141,7 @@ def _anchors_x(part: Part, left: float = 0.0) -> dict[str, float]:
 
 
 def _layer_tops(layout: GraphLayout) -> list[float]:
-    """The y of the top of each layer, and of the space below the last one."""
+    """The y of the top of each layer, and the y where the space below the last layer ends."""
     tops = [0.0]
     for layer in layout.layers:
         high = max((spot.height for spot in layer), default=0.0)
@@ -154,7 +154,7 @@ def _layer_tops(layout: GraphLayout) -> list[float]:
 
 
 def _spot(graph: DiagramGraph, spot: Spot, tops: Sequence[float]) -> Iterator[str]:
-    """Yields the SVG of the part at a spot, whose top is the top of its layer."""
+    """Yields the SVG of the part at a spot; the part's top is at the top of its layer."""
     if spot.box is not None:
         yield from _part_lines(graph.parts[spot.box], spot.x, tops[spot.layer])
 
@@ -215,7 +215,7 @@ def _outline(kind: str, place: tuple[float, float, float, float]) -> str:
 
 
 def _legend(width: float, *, upwards: bool) -> tuple[str, float]:
-    """The legend of shapes and colours, in rows of at most this width; and its height."""
+    """The legend of shapes and colours, in rows of at most this width, and its height in px."""
     parts, x, y = [], 0.0, 18.0
     for kind, text in (*LEGEND, *((UPWARDS,) if upwards else ())):
         wide = 34 + text_width(text, 11.0) + 16
@@ -254,7 +254,7 @@ def _arrow_lines(layout: GraphLayout, tops: Sequence[float]) -> Iterator[str]:
 
 
 def _passing_line(spot: Spot, layout: GraphLayout, tops: Sequence[float]) -> str:
-    """The straight line of an arrow that passes the boxes of a layer."""
+    """The line, straight down, of an arrow that passes the boxes of a layer."""
     up = any(p.up for p in layout.pieces if spot in (p.above, p.below))
     x = spot.x + spot.width / 2
     end = tops[spot.layer] + max((s.height for s in layout.layers[spot.layer]), default=0.0)

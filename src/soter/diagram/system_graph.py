@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DiagramBox:
-    """A box with text: `lines` are titles, `caption` stands below them in small letters.
+    """A box with text: `lines` are titles, and `caption` is below them in small letters.
 
-    `kind`: plant, node, ac, sc, dm, topic or input. `key` is what arrows name; `names` are the full
-    names of what is shown here, several where topics share a box.
+    `kind`: plant, node, ac, sc, dm, topic or input. Arrows refer to boxes by `key`. `names`: the
+    full names of all that the box shows, which are several if topics share it.
     """
 
     key: str
@@ -57,7 +57,7 @@ class Edge:
 
 @dataclass(frozen=True)
 class DiagramGraph:
-    """The parts and arrows of a diagram. `first`: keys of what stands at the top if possible."""
+    """The parts and arrows of a diagram. `first`: keys of parts to place at the top if possible."""
 
     title: str
     parts: tuple[Part, ...]
@@ -76,7 +76,7 @@ TOGETHER_MAX = 9
 
 
 def graph_of(system: System) -> DiagramGraph:
-    """The graph of a system; each component and each topic of the program is in it once."""
+    """The graph of a system, with each component and each topic of the program once."""
     frames = _module_frames(system)
     framed = {cell.key for frame in frames for cell in boxes_in(frame)}
     alone = [_component_box(c) for c in system.components if _box_key(c) not in framed]
@@ -98,7 +98,7 @@ def _box_key(c: Component) -> str:
 
 
 def _component_box(c: Component) -> DiagramBox:
-    """The box of a component: its name, with its kind and period below."""
+    """The box of a component, with its name, and below it the kind and period."""
     name = c.name.rpartition(".")[2] if c.role in ROLES else c.name
     lines = [ROLES[c.role]] if c.role in ROLES else []
     symbol = c.plant or c.node
@@ -130,7 +130,7 @@ def _module_frame(system: System, m: Module) -> ModuleFrame:
 
 
 def _arrow_ends(frames: Iterable[ModuleFrame], readers: frozenset[str]) -> list[str]:
-    """The ends of arrows to these readers: a frame if all boxes in it read, else boxes."""
+    """The keys where arrows to these readers end: a frame if all of its boxes read, else boxes."""
     left, ends = set(readers), []
     for frame in frames:
         inside = {cell.key for cell in frame.inside}
@@ -144,12 +144,12 @@ def _arrow_ends(frames: Iterable[ModuleFrame], readers: frozenset[str]) -> list[
 
 
 def _program_topics(system: System) -> list[int]:
-    """The topics that the program has, without queues and topics that only delay values."""
+    """The indices of the program's topics, without queues and topics that only delay values."""
     return [t.index for t in system.topics if t.queue_of is None and not t.held]
 
 
 def _topic_writers(system: System) -> dict[int, frozenset[str]]:
-    """By topic: keys of what writes it; a module's outputs come from its frame."""
+    """By topic: the keys of its writers; a module's outputs come from its frame."""
     writers_by_topic: dict[int, set[str]] = {i: set() for i in _program_topics(system)}
     gated = {i: f"m:{m.name}" for m in system.modules for i in m.outputs}
     for c in system.components:
@@ -179,7 +179,7 @@ def _topic_readers(system: System) -> dict[int, frozenset[str]]:
 def _topic_boxes(
     system: System, writers: dict[int, frozenset[str]], readers: dict[int, frozenset[str]]
 ) -> tuple[list[DiagramBox], dict[int, str]]:
-    """The boxes of topics, and by topic the key of its box; unused topics have no box."""
+    """The boxes of topics, and by topic the key of its box; an unused topic has no box."""
     groups: dict[object, list[int]] = {}
     for i in _program_topics(system):
         if writers[i] or readers[i]:

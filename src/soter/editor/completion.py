@@ -38,9 +38,9 @@ BODIES = {
 class CursorContext:
     """The place of the cursor. `body`: the body around it, "file" at the top, "value" in a value.
 
-    `head`: the words of the declaration around it (`node`, its name); `item`: the tokens of the
-    present item, up to the word that is being written; `dotted`: the names before the dots in front
-    of that word; `word`: its part before the cursor, from offset `start`.
+    `head`: the words of the declaration around it (`node` and a name); `item`: the tokens of the
+    present item, up to the word that is being written; `dotted`: the names with dots in front of
+    that word; `word`: the part of the word before the cursor, from offset `start`.
     """
 
     body: str
@@ -76,7 +76,7 @@ def cursor_at(text: str, offset: int) -> CursorContext:
 
 
 def _names_before_dots(item: list[str]) -> tuple[str, ...]:
-    """The names before the dots at the end of an item."""
+    """The names with dots after them at the end of an item, as `a`, `b` for `a.b.`."""
     dotted: list[str] = []
     i = len(item)
     while i >= 2 and item[i - 1] == "." and item[i - 2].isidentifier():
@@ -105,7 +105,7 @@ def _enter_token(stack: list[tuple[str, list[str]]], text: str) -> None:
 
 
 def _body_kind(body: str, item: list[str]) -> str:
-    """The kind of the body whose braces an item opens."""
+    """The kind of the body that opens with a brace after an item."""
     words = [w for w in item if w != "extern"]
     first = words[0] if words else ""
     if "=" in item and first not in BODIES:
@@ -213,7 +213,7 @@ def _items_of_kinds(
 
 
 def _wanted_kinds(cursor: CursorContext) -> set[str] | None:
-    """The kinds of names that fit here; None: any value; {"new"}: only a new name."""
+    """The kinds of names that fit here; None if any value fits; {"new"} if only a new name fits."""
     last, first = cursor.item[-1], cursor.item[0]
     before = cursor.item[-2] if len(cursor.item) > 1 else ""
     if last in NAMING or (cursor.body == "file" and last in NAMING_IN_FILE):
@@ -240,7 +240,7 @@ def _kinds_after_colon(cursor: CursorContext) -> set[str] | None:
 def _visible_names(
     cursor: CursorContext, offset: int, file: LoadedFile, index: NameIndex, good: NameIndex | None
 ) -> dict[str, Definition]:
-    """By name: the visible definitions; of equal names the innermost one."""
+    """By name: the visible definitions; for equal names, the innermost definition."""
     definition_by_name: dict[str, Definition] = {}
     for prelude in index.files:
         if prelude.prelude:
@@ -259,14 +259,14 @@ def _visible_names(
 def _enclosing_declaration(
     cursor: CursorContext, index: NameIndex, file: LoadedFile
 ) -> tuple[LoadedFile | None, Definition | None]:
-    """The file in the index, and the declaration around the cursor; None if unknown."""
+    """The file in the index, and the declaration around the cursor; each is None if unknown."""
     home = next((f for f in index.files if f.path == file.path), None)
     declared = {} if home is None else index.declared_in(home)
     return home, next((declared[w] for w in cursor.head if w in declared), None)
 
 
 def _instances_by_name(index: NameIndex, decl: Definition | None) -> dict[str, Definition]:
-    """The instances of a system, by name; {} if there is no declaration."""
+    """By name: the instances of a system; {} if `decl` is None."""
     instances = {} if decl is None else index.instances.get(id(decl.node), {})
     return {name: definition for name, (definition, _) in instances.items()}
 
@@ -276,7 +276,7 @@ def _is_value(d: Definition) -> bool:
 
 
 def _sort_key(d: Definition, file: LoadedFile) -> str:
-    """The key by which locals come first, then names of this file, then all others."""
+    """A sort key: locals come first, then names of this file, then all other names."""
     if not isinstance(d.node, tree.Decl):
         return "0"
     return "1" if d.file is file else "2"
@@ -298,13 +298,13 @@ def _member_items(
         yield from (lsp.CompletionItem(m, kind=KIND.EnumMember) for m in ("AC", "SC"))
     for name in rest:
         of = members.meaning_of_member(of, name)
-    wanted = _kinds_behind_import(cursor)
+    wanted = _kinds_in_import(cursor)
     for name, detail, kind in members.members_of(of):
         if wanted is None or kind in wanted or kind in {"field", "member", "state", "len"}:
             yield lsp.CompletionItem(name, kind=ICONS.get(kind, KIND.Field), detail=detail)
 
 
-def _kinds_behind_import(cursor: CursorContext) -> set[str] | None:
+def _kinds_in_import(cursor: CursorContext) -> set[str] | None:
     """The kinds of names that fit behind `import.` at the cursor."""
     item = cursor.item[: len(cursor.item) - 2 * len(cursor.dotted)]
     if not item:

@@ -54,12 +54,12 @@ class Overlay(SourceAccess):
     def text_of(
         self, path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
     ) -> str | None:
-        """The text in the editor if the file is open there, else the one on the disk."""
+        """The text in the editor if the file is open in it, else the text on the disk."""
         text = self._open_text(path)
         return text if text is not None else super().text_of(path, shown, diagnostics, span)
 
     def parse(self, shown: str, text: str, diagnostics: Diagnostics) -> tuple[Source, tree.File]:
-        """The syntax tree of a text; it is kept with its diagnostics for the next call."""
+        """The syntax tree of a text; keeps the tree and its diagnostics for the next call."""
         source, file, items = self._tree(shown, text)
         for item in items:
             diagnostics.add(item)
@@ -71,7 +71,7 @@ class Overlay(SourceAccess):
         return source, file, own_diagnostics.items
 
     def data_value(self, path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
-        """The value of a data file; the file is read again only after it was written."""
+        """The value of a data file; reads the file again only after a change."""
         try:
             status = path.stat()
         except (OSError, ValueError):
@@ -87,7 +87,7 @@ class Overlay(SourceAccess):
         return known
 
     def known_constants(self, file: LoadedFile) -> dict[str, tuple[Value, int]]:
-        """The constants of an imported file, kept until a text or data file changes."""
+        """The constants of an imported file; keeps them until a text or data file changes."""
         texts = _texts_with_imports(file) if file.library else None
         if texts is None:
             return {}
@@ -100,7 +100,7 @@ class Overlay(SourceAccess):
 
 
 def _texts_with_imports(file: LoadedFile) -> tuple[str, ...] | None:
-    """Paths and texts of a file and its imports, in turn; None if one cannot be read."""
+    """Paths and texts of a file and its imports, alternating; None if an import is unreadable."""
     texts: list[str] = []
     todo, seen = [file], {id(file)}
     while todo:
@@ -124,7 +124,7 @@ LEFT_OUT = {"node_modules", "__pycache__", "build"}
 
 @dataclass(eq=False)
 class Document:
-    """An open document. `path`: of its file, or a made-up name if it was never saved."""
+    """An open document. `path`: the path of its file, or a made-up name if it was never saved."""
 
     uri: str
     path: Path
@@ -141,7 +141,7 @@ class Document:
 
     @property
     def good_index(self) -> NameIndex | None:
-        """The index of the last text without errors; None if there was none."""
+        """The index of the last text without errors; None if each text so far had errors."""
         if self.good is None or self.good.loaded is None:
             return None
         if self._good_index is None or self._good_index[0] is not self.good:
@@ -168,16 +168,16 @@ class Documents:
         return iter(tuple(self._open.values()))
 
     def document_of(self, uri: str) -> Document | None:
-        """The open document that a URI means; None if it is not open."""
+        """The open document that a URI means; None if the document is not open."""
         return self._open.get(real_path(path_of(uri)))
 
     def text_of(self, path: Path) -> str | None:
-        """The text of an open document; None if it is not open."""
+        """The text of an open document; None if the document is not open."""
         document = self._open.get(real_path(path))
         return None if document is None else document.text
 
     def uri(self, path: Path) -> str:
-        """The URI of a file; if the file is open, the one that the editor uses."""
+        """The URI of a file; for an open file, the URI that the editor uses."""
         document = self._open.get(real_path(path))
         return document.uri if document is not None else uri_of(Path(os.path.normpath(path)))
 
@@ -188,7 +188,7 @@ class Documents:
         self.mark_changed([path])
 
     def update(self, uri: str, version: int | None, text: str) -> None:
-        """Notes that a document got a new text."""
+        """Notes that a document has a new text."""
         document = self.document_of(uri)
         if document is None:
             self.open(uri, version, text)
@@ -209,7 +209,7 @@ class Documents:
     # ------------------------------------------------------------ checking
 
     def mark_changed(self, paths: Iterable[Path]) -> None:
-        """Notes changed files: the open documents that use them wait for a check."""
+        """Notes changed files, so that the open documents that use them wait for a check."""
         for path in paths:
             key = real_path(path)
             if key in self._open:
@@ -219,7 +219,7 @@ class Documents:
                     self._waiting.setdefault(other)
 
     def mark_all_changed(self) -> None:
-        """Notes a written data file: all documents wait, as any may read it."""
+        """Notes a change of a data file: all documents wait for a check, as any may read it."""
         self._waiting.update(dict.fromkeys(self._open))
 
     @property
@@ -233,7 +233,7 @@ class Documents:
             self._check(self._open[next(iter(self._waiting))])
 
     def check_if_waiting(self, document: Document) -> None:
-        """Checks a document now if it waits, so that answers fit its text."""
+        """Checks a document now if it waits, so that answers are about its present text."""
         if real_path(document.path) in self._waiting:
             self._check(document)
 
@@ -260,7 +260,7 @@ class Documents:
             self._publish(self.uri(key), version, list(items.values()))
 
     def _files_of(self, document: Document) -> set[Path]:
-        """The files that the last check of a document read."""
+        """The paths of the files that the last check of a document read."""
         loaded = None if document.checked is None else document.checked.loaded
         return set() if loaded is None else {real_path(f.path) for f in loaded.files}
 
@@ -275,7 +275,7 @@ class Documents:
         return self.parsed_names(document)[1]
 
     def parsed_names(self, document: Document) -> tuple[LoadedProgram, NameIndex]:
-        """Trees and index of a document, made again only if a text has changed."""
+        """Trees and index of a document; makes them again only if a text has changed."""
         loaded = load(str(document.path), Diagnostics(), document.text, self.reading)
         assert loaded is not None, "a text can always be read"
         key = tuple(id(f.file) for f in loaded.files)
@@ -284,14 +284,14 @@ class Documents:
         return document.indexed[1:]
 
     def every_file(self) -> Iterator[LoadedFile]:
-        """Yields every file of the workspace, parsed; open ones come first."""
+        """Yields every file of the workspace, parsed; open files come first."""
         for path in self.programs():
             if (text := self.reading.text_of(path, str(path), Diagnostics())) is not None:
                 source, file = self.reading.parse(str(path), text, Diagnostics())
                 yield LoadedFile(path, source, file, "", library=False)
 
     def programs(self, about: Document | None = None) -> list[Path]:
-        """The workspace's programs: open documents, files in folders and beside `about`."""
+        """The paths of programs: open documents, files in the workspace and beside `about`."""
         paths = {real_path(d.path): d.path for d in self}
         beside = () if about is None else (about.path.parent,)
         for folder in (*self.folders, *beside):
@@ -300,7 +300,7 @@ class Documents:
         return list(paths.values())
 
     def programs_naming(self, name: str, about: Document) -> list[tuple[Path, NameIndex]]:
-        """The programs whose main file has a name, and the document `about`."""
+        """The document `about`, and the programs whose main file contains the name."""
         word = re.compile(rf"\b{re.escape(name)}\b")
         programs = [(about.path, self.name_index(about))]
         for path in self.programs(about):
@@ -334,7 +334,7 @@ class Documents:
 
 
 def _soter_files(folder: Path) -> Iterator[Path]:
-    """Yields the programs below a folder, without hidden folders and environments."""
+    """Yields the programs below a folder, except in hidden folders and environments."""
     for at, folders, files in os.walk(folder):
         folders[:] = sorted(f for f in folders if not f.startswith(".") and f not in LEFT_OUT)
         yield from (Path(at) / f for f in sorted(files) if f.endswith(".soter"))
@@ -342,7 +342,7 @@ def _soter_files(folder: Path) -> Iterator[Path]:
 
 @lru_cache(maxsize=1024)
 def real_path(path: Path) -> Path:
-    """The resolved path of a file, the same however the file is reached."""
+    """The resolved path of a file, which is the same for every path to the file."""
     try:
         return path.resolve()
     except (OSError, ValueError, RuntimeError):

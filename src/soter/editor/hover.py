@@ -74,7 +74,7 @@ DECLARED = {"type", "constant", "parameter", "topic", "import"}
 
 
 def _shown_words(node: tree.NodeDecl | tree.PlantDecl | tree.RtaDecl) -> tuple[str, ...]:
-    """The words with which the shown lines of a body begin."""
+    """The words that begin a shown line of this body."""
     if isinstance(node, tree.NodeDecl):
         return ("subscribes", "publishes", "takes", "wcet")
     if isinstance(node, tree.PlantDecl):
@@ -83,7 +83,7 @@ def _shown_words(node: tree.NodeDecl | tree.PlantDecl | tree.RtaDecl) -> tuple[s
 
 
 def _shown_lines(text: str, words: tuple[str, ...]) -> str:
-    """The head of a body, and those of its lines that begin with one of the words."""
+    """The head of a body, and the lines in the body that begin with one of the words."""
     lines = [line.rstrip() for line in text.splitlines()]
     kept = [line for line in lines[1:] if line.split(" ", 1)[0:1] and _first_word(line) in words]
     shown = [f"  {line.strip()}" for line in kept[: LINES_MAX - 2]]
@@ -100,7 +100,7 @@ def _text_before(text: str, sign: str) -> str:
 
 
 def comment_above(d: Definition) -> str:
-    """The comment lines right above a declaration, and the comment behind its end."""
+    """The comment lines right above a declaration, and the comment that follows its end."""
     node = d.node
     if not isinstance(node, tree.Decl) or d.kind in {"member", "instance"}:
         return ""
@@ -145,15 +145,15 @@ def _facts_of_name(kind: str, name: str, program: TypedProgram) -> Iterable[str]
             yield "never stale: no `max_age`"
         if topic.static:
             yield "static: what it says stays true"
-        yield _users_of_topic(topic, program)
+        yield _topic_users_line(topic, program)
     elif kind in {"node", "plant", "module"}:
         symbol = program.nodes.get(name) or program.plants.get(name) or program.modules.get(name)
         if symbol is not None:
             yield f"period: {number(symbol.period)}"
 
 
-def _users_of_topic(topic: TopicSymbol, program: TypedProgram) -> str:
-    """A line that says which parts publish a topic and which read it."""
+def _topic_users_line(topic: TopicSymbol, program: TypedProgram) -> str:
+    """A line on the parts that publish a topic, and the parts that read it."""
     nodes, plants = program.nodes.values(), program.plants.values()
     writers = [n.name for n in nodes if topic in n.publishes]
     writers += [p.name for p in plants if topic in [t for t, _ in p.drives]]
@@ -176,7 +176,7 @@ class _Numbers:
         self._calculator = Calculator(Diagnostics(), params, BUDGETS)
 
     def __call__(self, expr: TypedExpr) -> str:
-        """The value as text; the expression's source if it cannot be computed."""
+        """The value as text; the source of the expression if its value cannot be computed."""
         value = self._calculator.value(expr, "")
         return " ".join(expr.span.text.split()) if value is None else value_text(expr.type, value)
 
@@ -192,7 +192,7 @@ def value_text(t: Type, value: Value) -> str:
 
 
 def type_text(d: Definition) -> str:
-    """The type of a definition as it is written, or else as the checker names it."""
+    """The type of a definition as the source has it, or else the checker's name for it."""
     written = d.node[1] if isinstance(d.node, tuple) else getattr(d.node, "type", None)
     if isinstance(written, tree.TypeExpr):
         return " ".join(written.span.text.split())

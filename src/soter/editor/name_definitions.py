@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False)
 class Definition:
-    """Something with a name; `node` is the syntax that declares it."""
+    """A named part of a program; `node` is the syntax that declares it."""
 
     name: str
     kind: str
@@ -43,7 +43,7 @@ class Definition:
 
 @dataclass(frozen=True)
 class Use:
-    """A place where a name is written; its declaration is one, too."""
+    """A place that has a name; the declaration of the name is also a use."""
 
     span: Span
     definition: Definition
@@ -83,7 +83,7 @@ class NameIndex:
         return [use_by_place[place] for place in sorted(use_by_place)]
 
     def use_at(self, source: Source, offset: int) -> Use | None:
-        """The use of a name that contains an offset or ends there; or None."""
+        """The use of a name that contains an offset or ends at it; or None."""
         use_by_place = self._uses.get(id(source), {})
         places = self._starts.get(id(source))
         if places is None:
@@ -94,7 +94,7 @@ class NameIndex:
         return None
 
     def uses_of(self, key: tuple[Path, int]) -> list[Use]:
-        """All places where a definition is named, its declaration included."""
+        """All places with the name of a definition, including its declaration."""
         return [
             use
             for file in self.files
@@ -103,7 +103,7 @@ class NameIndex:
         ]
 
     def locals_at(self, source: Source, offset: int) -> dict[str, Definition]:
-        """By name: the locals visible at an offset; of equal names the innermost."""
+        """By name: the locals visible at an offset; for equal names, the innermost local."""
         seen = [r for r in self.reach.get(id(source), []) if r[0] <= offset <= r[1]]
         return {d.name: d for _, _, d in sorted(seen, key=lambda r: r[0])}
 

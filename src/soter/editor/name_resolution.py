@@ -87,7 +87,7 @@ class Members:
                 self.index.top[id(file)][name].of = child
             for decl in () if file.prelude else file.file.declarations:
                 self._owner = self._by_place[_place(decl.name)]
-                self._instances = self._instances_beside(decl, file)
+                self._instances = self._instances_nameable_in(decl, file)
                 self._note_names_in(decl, file)
 
     # ------------------------------------------------------------ definitions
@@ -112,7 +112,7 @@ class Members:
     def _definition(
         self, name: tree.Name, kind: str, node: object, file: LoadedFile, of: object = None
     ) -> Definition:
-        """The definition at the place of a name; it is made by the first call."""
+        """The definition at the place of a name; the first call for a place makes it."""
         known = self._by_place.get(_place(name))
         if known is None:
             known = Definition(name.text, kind, name.word, node, file, of, self._owner)
@@ -121,7 +121,7 @@ class Members:
         return known
 
     def _enter_declared_inside(self, piece: Any, decl: tree.Decl, file: LoadedFile) -> None:  # noqa: ANN401
-        """Enters the declarations in a piece of syntax; `decl` is around it."""
+        """Enters the declarations in a piece of syntax inside the declaration `decl`."""
         if isinstance(piece, tuple):
             for part in piece:
                 self._enter_declared_inside(part, decl, file)
@@ -217,7 +217,7 @@ class Members:
             self._note_chain([(name, 0)], file, first=False)
 
     def _note_instance(self, item: tree.Instance, file: LoadedFile) -> None:
-        """Notes an instance's names; names set in its braces may be of its inside."""
+        """Notes an instance's names; names set in its braces may mean instances inside it."""
         self._note_names_in((item.name, item.what, item.renames), file)
         declared = self._ref_definition(item.what, file)
         outer = self._instances
@@ -245,7 +245,7 @@ class Members:
                 of = of.element if isinstance(of, (ArrayType, ListType)) else of
 
     def _meaning(self, name: tree.Name) -> Definition | None:
-        """The definition that the checker found for a name, or that is there; or None."""
+        """The definition that the checker found for a name, or that the name declares; or None."""
         meaning = self._meant.at.get(_place(name))
         if isinstance(meaning, Entry):
             return self.index.top[id(meaning.scope.loaded)].get(meaning.decl.name.text)
@@ -329,8 +329,8 @@ class Members:
         self._owner = outer
         return instances
 
-    def _instances_beside(self, decl: tree.Decl, file: LoadedFile) -> Instances:
-        """Instances that a declaration may name, of its system or of those with its module."""
+    def _instances_nameable_in(self, decl: tree.Decl, file: LoadedFile) -> Instances:
+        """The instances that names in a declaration may mean, of its system or systems with it."""
         system = self._by_place[_place(decl.name)]
         if isinstance(decl, tree.SystemDecl):
             return self._instances_inside(system)
@@ -351,7 +351,7 @@ class Members:
         return beside
 
     def _component_named(self, name: str, instances: Instances) -> Definition | None:
-        """A node in a module that its system knows by the node's name; or None."""
+        """A controller in a module, if its system knows it by its node's name; or None."""
         for _, part in instances.values():
             found = None
             if part is not None and isinstance(part.node, tree.RtaDecl):
@@ -363,7 +363,7 @@ class Members:
         return None
 
     def _controller_named(self, module: Definition, name: str) -> Definition | None:
-        """The AC or SC of a module with this name; or None."""
+        """The controller of a module (AC, SC or a plan) that has this name; or None."""
         assert isinstance(module.node, tree.RtaDecl)
         for ref in (module.node.ac, module.node.sc, *module.node.plans):
             if isinstance(ref, tree.Ref) and ref.name.text == name:
@@ -447,7 +447,7 @@ def _place(name: tree.Name) -> tuple[int, int]:
 
 
 def _symbol_meaning(symbol: object) -> object:
-    """The meaning of a declared name: the type if it is a value, else the symbol."""
+    """The meaning of a declared name: the type of a value; else the symbol itself."""
     if isinstance(symbol, (typed.ConstSymbol, typed.ParamSymbol, typed.TopicSymbol)):
         t: Type = symbol.type
         return t
@@ -464,7 +464,7 @@ def _field_names(syntax: object) -> list[tree.Name]:
 
 
 def _all_instances(items: tuple[object, ...]) -> list[tree.Instance]:
-    """The instances of a system, also those in loops."""
+    """The instances of a system, including those in loops."""
     instances: list[tree.Instance] = []
     for item in items:
         if isinstance(item, tree.Instance):

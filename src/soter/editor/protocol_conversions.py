@@ -41,13 +41,13 @@ class Lines:
         self._ascii = text.isascii()
 
     def position(self, offset: int) -> lsp.Position:
-        """The position of a character offset; beyond the text, that of its end."""
+        """The position of a character offset; for one beyond the text, the end of the text."""
         offset = min(max(offset, 0), len(self.text))
         line = bisect_right(self._starts, offset) - 1
         return lsp.Position(line, self._unit_count(self.text[self._starts[line] : offset]))
 
     def offset(self, position: lsp.Position) -> int:
-        """The character offset of a position; beyond its line, that of the line's end."""
+        """The character offset of a position; beyond its line, the offset of the line's end."""
         if position.line >= len(self._starts):
             return len(self.text)
         start = self._starts[position.line]
@@ -116,7 +116,7 @@ AGAIN = "and here"
 def shown_by_file(
     diagnostics: Iterable[Diagnostic], main: Path, lines_of: Callable[[Span], Lines]
 ) -> dict[Path, list[lsp.Diagnostic]]:
-    """By file: its diagnostics; those without a place are at the start of `main`."""
+    """By file: its diagnostics; a diagnostic without a place is at the start of `main`."""
     files: dict[Path, list[lsp.Diagnostic]] = {main: []}
     for d in diagnostics:
         if d.primary is None:
@@ -135,7 +135,7 @@ def shown_by_file(
 
 
 def range_of(span: Span, lines_of: Callable[[Span], Lines]) -> lsp.Range:
-    """The range of a span; it has a character at least, if its line has one there."""
+    """The range of a span; at least one character long, if the line has a character at the span."""
     return lines_of(span).range(span.start, span.end)
 
 

@@ -38,7 +38,7 @@ class RefusedError(Exception):
 
 
 def uses_of(definition: Definition, indices: Iterable[NameIndex]) -> list[Use]:
-    """All places of a definition in some programs, each once, in order."""
+    """All places of a definition in some programs, in order, and each only once."""
     use_by_place: dict[Place, Use] = {}
     for index in indices:
         for use in index.uses_of(definition.key):
@@ -109,7 +109,7 @@ class _PlaceAfterRename:
 
 
 class _RenamedFiles(SourceAccess):
-    """Reads files as they will be after the rename."""
+    """Reads files with the contents that they will have after the rename."""
 
     def __init__(self, reading: SourceAccess, texts: dict[Path, str]) -> None:
         self._reading = reading
@@ -118,7 +118,7 @@ class _RenamedFiles(SourceAccess):
     def text_of(
         self, path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
     ) -> str | None:
-        """The new text of a file if it changes, else its present text."""
+        """The new text of a file that changes; the present text of any other file."""
         text = self._texts.get(path.resolve())
         return text if text is not None else self._reading.text_of(path, shown, diagnostics, span)
 
@@ -134,7 +134,7 @@ class _RenamedFiles(SourceAccess):
 def _require_same_meaning(
     before: _Program, after: _Program, moved: _PlaceAfterRename, definition: Definition, name: str
 ) -> None:
-    """Raises RefusedError unless both programs mean the same except for the name."""
+    """Raises RefusedError unless both programs mean the same, apart from the name."""
     was, messages = before
     is_, says = after
     meant = {

@@ -77,7 +77,7 @@ def _fix_actions(d: Diagnostic, documents: Documents) -> Iterator[lsp.CodeAction
 
 
 def _fix_title(help_: str) -> str:
-    """A help line as a title in the imperative: `Write ...`, `Change to ...`."""
+    """A help line as a title in the imperative, such as `Write ...` or `Change to ...`."""
     if help_.startswith(ASKED):
         help_ = "change to " + help_.removeprefix(ASKED).removesuffix("?")
     return help_[:1].upper() + help_[1:]
@@ -176,7 +176,7 @@ class _CursorPosition:
         self.offset = self.lines.offset(position)
 
     def use(self) -> Use | None:
-        """The use of a name at the position; or None."""
+        """The use of a name at the position; None if the position has no name."""
         return self.index.use_at(self.main.source, self.offset)
 
     def word_range(self) -> tuple[int, int]:
@@ -192,11 +192,11 @@ class _CursorPosition:
 
 def register_requests(server: LanguageServer, documents: Documents, verdicts: Verdicts) -> None:
     """Registers the handlers of all requests that the server answers."""
-    _answer_about_names(server, documents)
-    _answer_about_renaming(server, documents)
-    _answer_about_text(server, documents)
-    _answer_about_lenses(server, documents, verdicts)
-    _answer_about_the_workspace(server, documents)
+    _register_name_requests(server, documents)
+    _register_rename_requests(server, documents)
+    _register_text_requests(server, documents)
+    _register_lens_requests(server, documents, verdicts)
+    _register_workspace_requests(server, documents)
 
 
 class _PositionRequest(Protocol):
@@ -214,7 +214,7 @@ def _cursor_position(documents: Documents, params: _PositionRequest) -> _CursorP
 def _name_at(
     documents: Documents, params: _PositionRequest
 ) -> tuple[_CursorPosition, Use] | tuple[None, None]:
-    """The position, and the use of a name there; two None if there is no name."""
+    """The position, and the use of a name at it; (None, None) if it has no name."""
     at = _cursor_position(documents, params)
     use = None if at is None else at.use()
     return (None, None) if at is None or use is None else (at, use)
@@ -223,7 +223,7 @@ def _name_at(
 # ---------------------------------------------------------------- names
 
 
-def _answer_about_names(server: LanguageServer, documents: Documents) -> None:
+def _register_name_requests(server: LanguageServer, documents: Documents) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_HOVER)
     def hover(params: lsp.HoverParams) -> lsp.Hover | None:
         at = _cursor_position(documents, params)
@@ -259,7 +259,7 @@ def _answer_about_names(server: LanguageServer, documents: Documents) -> None:
         return [lsp.DocumentHighlight(at.lines.range(s.start, s.end)) for s in here]
 
 
-def _answer_about_renaming(server: LanguageServer, documents: Documents) -> None:
+def _register_rename_requests(server: LanguageServer, documents: Documents) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_PREPARE_RENAME)
     def prepare_rename(params: lsp.PrepareRenameParams) -> lsp.PrepareRenamePlaceholder | None:
         at, use = _name_at(documents, params)
@@ -301,7 +301,7 @@ def _hover_at(at: _CursorPosition) -> lsp.Hover | None:
 
 
 def _programs_naming(at: _CursorPosition, definition: Definition) -> list[tuple[Path, NameIndex]]:
-    """The programs that may name a definition; for a local only its own program."""
+    """The programs that may name a definition; for a local, only the program that has it."""
     if definition.kind in LOCAL:
         return [(at.document.path, at.index)]
     return at.documents.programs_naming(definition.name, at.document)
@@ -313,7 +313,7 @@ LOCAL = {"argument", "variable", "let", "loop variable", "disturbance", "clause"
 # ---------------------------------------------------------------- text
 
 
-def _answer_about_text(server: LanguageServer, documents: Documents) -> None:
+def _register_text_requests(server: LanguageServer, documents: Documents) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=["."]))
     def completion(params: lsp.CompletionParams) -> list[lsp.CompletionItem] | None:
         at = _cursor_position(documents, params)
@@ -345,7 +345,9 @@ def _answer_about_text(server: LanguageServer, documents: Documents) -> None:
         return list(code_actions(document, documents, params.range))
 
 
-def _answer_about_lenses(server: LanguageServer, documents: Documents, verdicts: Verdicts) -> None:
+def _register_lens_requests(
+    server: LanguageServer, documents: Documents, verdicts: Verdicts
+) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_CODE_LENS)
     def code_lens(params: lsp.CodeLensParams) -> list[lsp.CodeLens] | None:
         document = documents.document_of(params.text_document.uri)
@@ -359,7 +361,7 @@ def _answer_about_lenses(server: LanguageServer, documents: Documents, verdicts:
 # ---------------------------------------------------------------- the workspace
 
 
-def _answer_about_the_workspace(server: LanguageServer, documents: Documents) -> None:
+def _register_workspace_requests(server: LanguageServer, documents: Documents) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_DOCUMENT_SYMBOL)
     def document_symbol(params: lsp.DocumentSymbolParams) -> list[lsp.DocumentSymbol] | None:
         document = documents.document_of(params.text_document.uri)

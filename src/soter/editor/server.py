@@ -46,7 +46,7 @@ class Server(LanguageServer):
         self._apologised = False
 
     def report_server_error(self, error: Exception, source: ServerErrors) -> None:
-        """Reports an error to the editor, unless sending failed: that would recur."""
+        """Reports an error to the editor, except if sending failed, as that would happen again."""
         if source is not JsonRpcInternalError:
             super().report_server_error(error, source)
 
@@ -59,7 +59,7 @@ class Server(LanguageServer):
             self._timer = asyncio.get_running_loop().call_later(SETTLE_S, self._check_one)
 
     def _check_one(self) -> None:
-        """Checks one document; requests that arrived are answered before the next."""
+        """Checks one document; the server answers waiting requests before it checks the next."""
         self._timer = None
         try:
             self.documents.check_next()
@@ -82,12 +82,12 @@ class Server(LanguageServer):
 def make_server(verdicts: Verdicts) -> Server:
     """A server for all requests; `verdicts` finds the last proofs of a program."""
     server = Server()
-    _follow_documents(server)
+    _register_document_events(server)
     register_requests(server, server.documents, verdicts)
     return server
 
 
-def _follow_documents(server: Server) -> None:
+def _register_document_events(server: Server) -> None:
     documents = server.documents
 
     @server.feature(lsp.INITIALIZED)
@@ -130,7 +130,7 @@ def _follow_documents(server: Server) -> None:
 
 
 class _RefusalFilter(logging.Filter):
-    """Keeps requests that were refused with a reason, not by a defect, out of the log."""
+    """Keeps out of the log those requests that were refused with a reason, not by a defect."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether to log the record."""
@@ -141,7 +141,7 @@ class _RefusalFilter(logging.Filter):
 def serve(verdicts: Verdicts, tcp: tuple[str, int] | None = None) -> None:
     """Serves one client over standard input and output, or over `tcp` (host, port), until it ends.
 
-    `SoterError` D005 if standard input does not follow the protocol.
+    Raises `SoterError` D005 if standard input does not follow the protocol.
     """
     server = make_server(verdicts)
     logging.getLogger("pygls.protocol.json_rpc").addFilter(_RefusalFilter())
@@ -159,13 +159,13 @@ def serve(verdicts: Verdicts, tcp: tuple[str, int] | None = None) -> None:
 
 
 class _EditorMessages:
-    """Reads the editor's messages; ValueError if one, or a line of its head, is too long."""
+    """Reads the editor's messages; ValueError if a message, or a line of its head, is too long."""
 
     def __init__(self, raw: BinaryIO) -> None:
         self._raw = raw
 
     def readline(self) -> bytes:
-        """A line from the head of a message."""
+        """A line of the head of a message."""
         line = self._raw.readline(HEAD_MAX + 1)
         if len(line) > HEAD_MAX:
             raise ValueError(f"a line of its head is longer than {HEAD_MAX} bytes")

@@ -39,7 +39,7 @@ ICONS = {
 
 
 def document_symbols(file: LoadedFile, lines: Lines) -> list[lsp.DocumentSymbol]:
-    """The declarations of a file as a tree, each with the declarations inside it."""
+    """The declarations of a file as a tree; each has the declarations inside it."""
     imports = [
         _document_symbol(i.name, i.span, KIND.Module, i.path, lines, ()) for i in file.file.imports
     ]
@@ -69,7 +69,7 @@ def _document_symbol(
 
 
 def _declared_members(decl: tree.Decl) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
-    """Yields name, place, kind and detail of each name declared inside a declaration."""
+    """Yields name, place, kind and detail of each name that a declaration declares inside."""
     if isinstance(decl, tree.TypeDecl):
         yield from _type_members(decl.type)
     elif isinstance(decl, tree.NodeDecl):
@@ -116,7 +116,7 @@ def _one_line(span: Span) -> str:
 def matching_declarations(
     files: list[LoadedFile], query: str
 ) -> Iterator[tuple[tree.Decl, lsp.SymbolKind, LoadedFile]]:
-    """Yields declarations whose names have the query's letters in order, in any case."""
+    """Yields declarations whose names contain the query's letters in order, in any case."""
     for file in files:
         for decl in file.file.declarations:
             if _is_subsequence(query.casefold(), decl.name.text.casefold()):

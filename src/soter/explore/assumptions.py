@@ -46,9 +46,9 @@ NO_HARM = "that others of what its contract permits do no harm is assumed"
 
 
 def replacements_in_test(test: typed.TestSymbol) -> tuple[tuple[str, str], ...]:
-    """The path of each instance that a test replaces, and the name of what replaces it.
+    """Pairs of the path of an instance that a test replaces, and the name of its replacement.
 
-    Instances that their contract replaces are left out (`contract_notes`).
+    Instances that are replaced by their contract are left out (`contract_notes`).
     """
     pairs = [*_replacements_in_system(test.system), *((p, by) for p, by, _ in test.replaces)]
     replacements = {path: by.name for path, by in pairs if not isinstance(by, typed.ByContract)}
@@ -58,7 +58,7 @@ def replacements_in_test(test: typed.TestSymbol) -> tuple[tuple[str, str], ...]:
 def _replacements_in_system(
     system: typed.SystemSymbol, prefix: str = ""
 ) -> Iterator[tuple[str, typed.NodeSymbol | typed.PlantSymbol | typed.ByContract]]:
-    """Yields the replacements in systems inside this one, then its own, which override them."""
+    """Yields the replacements in inner systems, then those of this system, which override them."""
     for name, instance in system.by_name.items():
         if isinstance(instance.what, typed.SystemSymbol):
             yield from _replacements_in_system(instance.what, f"{prefix}{name}.")
@@ -66,7 +66,7 @@ def _replacements_in_system(
 
 
 def contract_notes(system: System) -> Iterator[str]:
-    """Yields a sentence for each module and node that is replaced by its contract."""
+    """Yields a sentence for each module and node that its contract replaces."""
     stand_ins: dict[str, list[StandIn]] = {}
     for c in system.components:
         if c.stands_for is not None:
@@ -117,7 +117,7 @@ def tests_by_contract(system: System) -> dict[str, list[str]]:
 
 
 def _tests_with_instance(system: System, instance: str) -> Iterator[tuple[str, str]]:
-    """Yields each test that runs the instance itself, and how that test differs from this one."""
+    """Yields each test that runs the instance itself, and how that test differs from this test."""
     tests = system.program.tests
     here = tests.get(test_plan(system).name)
     for name, test in tests.items():
@@ -129,9 +129,9 @@ def _tests_with_instance(system: System, instance: str) -> Iterator[tuple[str, s
 def _difference_in_words(
     test: typed.TestSymbol, here: typed.TestSymbol, instance: str
 ) -> str | None:
-    """How a test that runs `instance` itself differs from the test `here`; "" if in nothing else.
+    """How a test that runs `instance` itself differs from the test `here`; "" if it does not.
 
-    None if `test` does not have the instance, or replaces it as well.
+    None if `test` does not have the instance, or also replaces it.
     """
     original = symbol_at_path(test, instance)
     replaced = (
@@ -155,7 +155,7 @@ def _parameter_settings(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSym
 def _replaced_paths(
     test: typed.TestSymbol, replaced: typed.ModuleSymbol | typed.NodeSymbol, instance: str
 ) -> set[str]:
-    """The paths that a test replaces in a module or node; the path `instance` means all of it."""
+    """The paths that a test replaces in a module or node; `instance` if it replaces all of it."""
     inside = replaced.controllers if isinstance(replaced, typed.ModuleSymbol) else ()
     paths: set[str] = set()
     for path, _, _ in test.replaces:
@@ -173,7 +173,7 @@ NAMED_MAX = 12
 
 
 def setting_notes(system: System) -> Iterator[str]:
-    """Yields a sentence on the parameters, and one for each forced module and driven input."""
+    """Yields a sentence on the parameters, then on each forced module and each driven input."""
     yield from _parameter_note(system)
     for module in system.modules:
         if module.forced is not None:
@@ -193,7 +193,7 @@ def setting_notes(system: System) -> Iterator[str]:
 
 
 def partly_driven_inputs(system: System) -> list[str]:
-    """The names of the inputs that take only some values of their sets."""
+    """The names of the inputs to which the test gives only some values of their sets."""
     drives = [(system.topics[d.topic], d) for d in system.inputs if d.values]
     return [topic.name for topic, drive in drives if not covers_whole_set(topic, drive)]
 
@@ -209,7 +209,7 @@ def covers_whole_set(topic: Topic, drive: InputDrive) -> bool:
 
 
 def topic_set_text(topic: Topic) -> str:
-    """The set of a topic in words: the interval of a topic of one number, else "its set"."""
+    """The set of a topic in words: the interval if the topic is one number, else "its set"."""
     bound = topic.bounds[0] if len(topic.bounds) == 1 else None
     if bound is None:
         return "its set"
@@ -220,7 +220,7 @@ def topic_set_text(topic: Topic) -> str:
 
 
 def _value_count(t: Type, bound: Bound | None) -> float:
-    """The number of values of a leaf; infinity for a float whose interval is no single point."""
+    """The number of values of a leaf; infinity for a float, unless its interval is a point."""
     if isinstance(t, BoolType):
         return 2
     if isinstance(t, EnumType):
@@ -233,7 +233,7 @@ def _value_count(t: Type, bound: Bound | None) -> float:
 
 
 def _parameter_note(system: System) -> Iterator[str]:
-    """Yields one sentence with the values of all parameters, those that were set first."""
+    """Yields one sentence with the values of all parameters; changed parameters come first."""
     changed, values = [], []
     for name, value in system.params.items():
         param = system.program.param(name)
@@ -257,7 +257,7 @@ PLACES_MAX = 3
 
 
 def undriven_inputs(system: System) -> list[str]:
-    """The names of topics from outside that get no value from the test."""
+    """The names of topics from outside to which the test gives no value."""
     drawn = {d.topic for d in system.inputs}
     return [
         t.name
@@ -317,7 +317,7 @@ def _horizon_note(horizon: str, search_result: Found) -> str:
 
 
 def _fault_words(fault: TimingFault) -> str:
-    """What a timing fault does to the steps of its component, in words."""
+    """Words for the effect of a timing fault on the steps of its component."""
     if fault.kind == "skip":
         return f"loses at most {fault.at_most} release{_plural_ending(fault.at_most)} in a row"
     if fault.least_ns:
@@ -349,7 +349,7 @@ def _step_order_note(plan: TestPlan, times: TimeChoices | None) -> str:
 
 
 def _time_grid_notes(times: TimeChoices | None) -> Iterator[str]:
-    """Yields notes on code that uses the time in ways that the grid of times does not cover."""
+    """Yields notes on code whose use of the time is not covered by the grid of times."""
     if times is None:
         return
     for spans, reason in (
@@ -366,7 +366,7 @@ def _time_grid_notes(times: TimeChoices | None) -> Iterator[str]:
 
 
 def _coverage_limit_note(system: System) -> Iterator[str]:
-    """Yields a note if topics have more scalars than coverage counts."""
+    """Yields a note if topics have more scalars than the coverage includes."""
     topics = [t for t in system.topics if t.queue_of is None]
     scalars = sum("[]" not in path for t in topics for path, _ in leaves(t.type))
     if scalars > LEAVES_MAX:
@@ -400,7 +400,7 @@ def _sampled_floats_note(system: System) -> Iterator[str]:
 
 
 def drawn_disturbances(system: System) -> list[str]:
-    """The names of the disturbances that are drawn from the seed once, for all executions."""
+    """The names of the disturbances that the seed determines once, for all executions."""
     return [
         f"{c.name}.{d.variable.name}"
         for c in system.components
@@ -410,7 +410,7 @@ def drawn_disturbances(system: System) -> list[str]:
 
 
 def _collision_note(states: int) -> str:
-    """The chance that two of n configurations share a fingerprint of 64 bits: n^2 / 2^65."""
+    """A note on the chance that two of n configurations share a fingerprint: n^2 / 2^65."""
     chance = min(states * states / 2.0 ** (FINGERPRINT_BITS + 1), 1.0)
     return (
         f"fingerprints of 64 bits: a configuration was missed with probability about {chance:.1g}"

@@ -83,7 +83,7 @@ def vacuous_parts_of_search(
     search_result: Found,
     replaced: Sequence[tuple[str, str]],
 ) -> tuple[VacuousPart, ...]:
-    """The parts of a test that say nothing; some of them only a search that ended shows."""
+    """The parts of a test that say nothing; to find some of them, the search must have ended."""
     ended = search_result.status == "exhausted" and search.options.strategy not in SAMPLING
     never = coverage.modes.unreached
     return vacuous_tests.find_vacuous_parts(
@@ -92,7 +92,7 @@ def vacuous_parts_of_search(
 
 
 def coverage_bound(system: System, search: Search, coverage: Coverage) -> str | None:
-    """The bound that keeps an exhausted search from covering all executions; None if none does."""
+    """The bound for which an exhausted search does not cover all executions; None if it does."""
     if not coverage.properties.reached:
         return UNJUDGED
     if assumptions.undriven_inputs(system):
@@ -109,7 +109,7 @@ def coverage_bound(system: System, search: Search, coverage: Coverage) -> str | 
 def search_verdict(
     search_result: Found, options: SearchOptions, short_of: str | None
 ) -> tuple[str, str | None]:
-    """The verdict, and the bound reached or None; `short_of`: the bound of an exhausted search."""
+    """The verdict, and the bound that was reached or None; `short_of`: from `coverage_bound`."""
     if search_result.status == "violated":
         return VIOLATED, None
     if search_result.status == "exhausted":
@@ -120,7 +120,7 @@ def search_verdict(
 
 
 def covered_before_ns(search_result: Found, system: System, options: SearchOptions) -> int | None:
-    """The time before which every execution was judged; None if executions are drawn by chance."""
+    """The time before which every execution was judged; None if the search only samples."""
     if options.strategy in SAMPLING:
         return None
     return min(search_result.covered_ns, test_plan(system).horizon_ns)
@@ -141,7 +141,7 @@ class Interruptions(Protocol):
 class UnreproducedError(RuntimeError):
     """The explorer found a violation that the interpreter does not see: a defect of soter.
 
-    `trace`: the trace that was found, for whoever repairs it.
+    `trace`: the trace that was found, for those who repair the defect.
     """
 
     def __init__(self, replay_result: Replayed) -> None:
@@ -155,7 +155,7 @@ class UnreproducedError(RuntimeError):
 
 @dataclass(frozen=True)
 class TraceHeader:
-    """The facts on the program that a trace holds beside its steps; `params` are JSON values."""
+    """The facts on the program that a trace has besides its steps; `params` are JSON values."""
 
     program: str
     params: Mapping[str, object]
@@ -169,10 +169,10 @@ def explore_test(
     progress: Progress | None = None,
     listener: Interruptions | None = None,
 ) -> TestResult:
-    """Explores a flattened test; a violation is shrunk, and replayed by the interpreter.
+    """Explores a flattened test; shrinks a violation, and the interpreter replays it.
 
-    UnreproducedError if the replay does not show it. After an interruption the result has what was
-    covered until then.
+    Raises UnreproducedError if the replay does not show the violation. After an interruption the
+    result has the coverage until then.
     """
     from soter.explore.engine.search import Search as Engine  # noqa: PLC0415 - needs a compiler
 
@@ -182,7 +182,7 @@ def explore_test(
     with Engine(system, options, progress, should_stop) as search:
         with _without_signals(listener):
             search_result = search.run()
-            result = _judge_search(system, search, search_result, header.replaced)
+            result = _result_of_search(system, search, search_result, header.replaced)
         if result.verdict == VIOLATED:
             try:
                 _add_replayed_trace(result, search, search_result, header)
@@ -194,10 +194,10 @@ def explore_test(
     return result
 
 
-def _judge_search(
+def _result_of_search(
     system: System, search: Search, search_result: Found, replaced: Sequence[tuple[str, str]]
 ) -> TestResult:
-    """The verdict and the coverage of a search, as a result that has no trace yet."""
+    """The verdict and the coverage of a search, as a result without a trace."""
     options, coverage = search.options, search.coverage()
     vacuous = vacuous_parts_of_search(system, search, coverage, search_result, replaced)
     short_of = coverage_bound(system, search, coverage)
@@ -249,7 +249,7 @@ def _without_signals(listener: Interruptions | None) -> Iterator[None]:
 
 
 def _note_interruption(result: TestResult) -> None:
-    """Notes in the result that the user interrupted the work on a violation that was found."""
+    """Notes in the result that the user interrupted the work on a violation already found."""
     if result.replayed is None:
         result.unshown = INTERRUPTED
     else:
@@ -259,7 +259,7 @@ def _note_interruption(result: TestResult) -> None:
 def _find_other_violations(
     result: TestResult, search: Search, search_result: Found, header: TraceHeader
 ) -> None:
-    """Searches for violations of the other properties, one search after each that is found."""
+    """Searches for violations of other properties, and searches again after each violation."""
     assert search_result.broken is not None
     known, others = [search_result.broken], []
     while True:
@@ -307,7 +307,7 @@ def _bound_reason(bound: str | None, search: Search, search_result: Found) -> st
 def _add_replayed_trace(
     result: TestResult, search: Search, search_result: Found, header: TraceHeader
 ) -> None:
-    """Shortens and replays a violation's trace; notes the replay in `result`, or why none is."""
+    """Shortens and replays a violation's trace; `result` gets the replay, or why it has none."""
     assert search_result.broken is not None
     kind, index = search_result.broken
     result.broken = find_violation_id(result.system, VIOLATION_KINDS[kind], index)
@@ -325,7 +325,7 @@ def _add_replayed_trace(
 
 
 def _why_unshown(search_result: Found, *, interrupted: bool) -> str:
-    """The key in `UNSHOWN` of the reason why no execution shows the violation."""
+    """The reason, as a key of `UNSHOWN`, why no execution shows the violation."""
     if interrupted:
         return INTERRUPTED
     if search_result.stopped == TIME:
@@ -336,10 +336,10 @@ def _why_unshown(search_result: Found, *, interrupted: bool) -> str:
 
 
 def _minimised_steps(result: TestResult, search: Search, search_result: Found) -> tuple[Step, ...]:
-    """The steps of the shortest trace found; notes in `result` whether no shorter one exists.
+    """The steps of the shortest trace found; notes in `result` whether it is surely the shortest.
 
     A sampled trace is long, so it is shrunk before the shortest trace is searched. Any other trace
-    is shrunk only if that search does not end. Each has half of the time, and what is left over.
+    is shrunk only if that search does not end. Each gets half of the time, and any unused rest.
     """
     if search_result.stopped == INTERRUPTED:
         result.least_bound = INTERRUPTED
@@ -367,7 +367,7 @@ def _minimised_steps(result: TestResult, search: Search, search_result: Found) -
 def _find_shortest_trace(
     result: TestResult, search: Search, search_result: Found, patience_s: float
 ) -> tuple[Step, ...]:
-    """The shortest trace to the violation; () if it was not found: `result` then says why."""
+    """The shortest trace to the violation; () if it was not found, and `result` then says why."""
     least = search.find_shortest_trace(search_result, patience_s)
     result.minimise_s += least.seconds
     result.minimal = least.status == "violated" and bool(least.steps)
@@ -379,7 +379,7 @@ def _find_shortest_trace(
 
 
 def _shrink(result: TestResult, search: Search, search_result: Found, patience_s: float) -> Found:
-    """The search result with a smaller trace, or unchanged if shrinking gave none."""
+    """The search result with a smaller trace; unchanged if shrinking found no smaller trace."""
     shrunk = search.shrink(search_result, patience_s) if search_result.steps else None
     if shrunk is None:
         return search_result
@@ -392,7 +392,7 @@ def _shrink(result: TestResult, search: Search, search_result: Found, patience_s
 
 
 def make_trace(result: TestResult, header: TraceHeader, steps: Sequence[Step]) -> Trace:
-    """The `Trace` of a violated test, made of these steps and the program's hash and settings."""
+    """The `Trace` of a violated test, from these steps, the program's hash and the settings."""
     assert result.broken is not None
     plan, program, options = test_plan(result.system), result.system.program, result.options
     return Trace(
@@ -421,7 +421,7 @@ def make_trace(result: TestResult, header: TraceHeader, steps: Sequence[Step]) -
 def save_traces(result: TestResult, folder: Path = FOLDER) -> Path | None:
     """Writes the trace of a violated test, and returns its path; None without a trace.
 
-    Traces of other properties go beside it, with `-2` and so on behind the name. SoterError D006.
+    Traces of other properties get the same name with `-2` and so on. May raise SoterError D006.
     """
     if result.replayed is None:
         return None
@@ -435,7 +435,7 @@ def save_traces(result: TestResult, folder: Path = FOLDER) -> Path | None:
 
 
 def file_stem(trace: Trace) -> str:
-    """The name of a trace's file without its ending: `<program>-<test>`."""
+    """The file name of a trace, without ending: `<program>-<test>`."""
     name = f"{Path(trace.program).stem}-{trace.test}"
     return re.sub(r"[^A-Za-z0-9_.=+-]", "_", name)
 
@@ -447,7 +447,7 @@ MEMORY_BYTES = 2**29
 
 @dataclass(frozen=True)
 class ViolatingRun:
-    """A run with a violation: its kind (`property`, `fault`, ...), text and time; a line a step."""
+    """A run with a violation: its kind (`property`, `fault`, ...), text, time and step lines."""
 
     what: str
     text: str
@@ -456,7 +456,7 @@ class ViolatingRun:
 
 
 def find_violating_run(system: System) -> ViolatingRun | None:
-    """Searches a flat test for a run that violates a property; None if none was found."""
+    """Searches a flat test for a run that violates a property; None if it found no such run."""
     options = SearchOptions(time=SEARCH_S, minimise=SHORTEN_S, memory=MEMORY_BYTES)
     try:
         result = explore_test(system, options, TraceHeader(system.program.path, {}))

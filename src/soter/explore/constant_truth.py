@@ -55,7 +55,7 @@ def solver_proves(
     ranges: Mapping[ReadPlace, Range],
     period_ns: int,
 ) -> bool:
-    """Whether z3 proves that the condition is `wanted` and faults for no values in these ranges."""
+    """Whether z3 proves that the condition is `wanted` and never faults for values in `ranges`."""
     z3 = _z3_module()
     if z3 is None:
         return False
@@ -72,7 +72,7 @@ def solver_proves(
 
 
 class _Terms:
-    """Translates expressions to z3 terms; collects their faults, and the ranges of their reads."""
+    """Translates expressions to z3 terms; collects their faults and the ranges of all reads."""
 
     def __init__(
         self,
@@ -92,7 +92,7 @@ class _Terms:
         self._known: dict[ReadPlace, Any] = {}
 
     def term_of(self, e: typed.TypedExpr) -> Any:  # noqa: ANN401 - a term
-        """The z3 term of an expression; TooHardError for kinds that are not translated."""
+        """The z3 term of an expression; TooHardError if it has no translation."""
         if isinstance(e, typed.Literal):
             return self._constant_term(e.type, e.value)
         if isinstance(e, typed.ParamRead):
@@ -166,7 +166,7 @@ class _Terms:
         raise TooHardError
 
     def _note_overflow(self, term: Any) -> Any:  # noqa: ANN401 - a term
-        """Notes the fault of an int that is out of range, and gives the term back."""
+        """Adds the fault of an int out of range to the faults, and gives the term back."""
         self.faults.append(self.z3.Or(term < INT_MIN, term > INT_MAX))
         return term
 
@@ -242,9 +242,9 @@ def holds_always(
     period_ns: int = 0,
     values: Mapping[typed.Variable, typed.TypedExpr] | None = None,
 ) -> bool:
-    """Whether the condition is `wanted` and never faults, whatever it reads; False if unknown.
+    """Whether the condition is `wanted` and never faults, for all values; False if unknown.
 
-    `values`: the locals that the condition reads, with the expressions of their values.
+    `values`: by local that the condition reads, the expression of its value.
     """
     try:
         return _Condition(condition, wanted, scope, read, period_ns, values or {}).holds_always()
@@ -272,13 +272,13 @@ class _Condition:
         self.asked: dict[ReadPlace, Range] = {}
 
     def holds_always(self) -> bool:
-        """Whether the condition is `wanted` everywhere: over all ranges, by boxes, or by z3."""
+        """Whether the condition is `wanted` for all values, by ranges, by boxes, or by z3."""
         judgement = self._truth_in({})
         if judgement is not None:
             return judgement
         cuts = [_parts_of_range(span, self._cut_points()) for span in self.asked.values()]
         places = list(self.asked)
-        if self._fails_at_any(places, _random_points(cuts)):
+        if self._fails_at_some_point(places, _random_points(cuts)):
             return False
         unknown: list[tuple[Range, ...]] = [tuple(self.asked.values())]
         if math.prod(map(len, cuts)) <= BOXES_MAX:
@@ -291,17 +291,21 @@ class _Condition:
                     unknown.append(box)
         if not unknown:
             return True
-        if self._fails_at_any(places, itertools.islice(_example_points(unknown), POINTS_MAX)):
+        if self._fails_at_some_point(
+            places, itertools.islice(_example_points(unknown), POINTS_MAX)
+        ):
             return False
         return solver_proves(self.condition, self.wanted, self.scope, self.asked, self.period_ns)
 
-    def _fails_at_any(self, places: list[ReadPlace], points: Iterable[tuple[Range, ...]]) -> bool:
+    def _fails_at_some_point(
+        self, places: list[ReadPlace], points: Iterable[tuple[Range, ...]]
+    ) -> bool:
         return any(
             self._truth_in(dict(zip(places, point, strict=True))) is False for point in points
         )
 
     def _truth_in(self, box: dict[ReadPlace, Range]) -> bool | None:
-        """Whether the condition is `wanted` in all of a box; False if it faults; None: unknown."""
+        """Whether the condition is `wanted` on all of a box; False for a fault, None if unknown."""
 
         def read(place: ReadPlace) -> Range:
             known = box.get(place)
@@ -321,7 +325,7 @@ class _Condition:
         return False
 
     def _range_at_place(self, place: ReadPlace, read: Callable[[ReadPlace], Range]) -> Range:
-        """The range of the values at a place; that of a local comes from its expression."""
+        """The range of the values at a place; for a local, it is computed from its expression."""
         if place.kind != "local":
             return self.read(place)
         evaluator = RangeEvaluator(self.scope, self.period_ns, read)
@@ -329,7 +333,7 @@ class _Condition:
         return evaluator.bounds_of_part(self.local_values[place.index], place)
 
     def _cut_points(self) -> list[float]:
-        """The constants of the condition and of functions that it calls, and their negatives."""
+        """The constants, and their negatives, in the condition and in functions that it calls."""
         roots: list[object] = [self.condition]
         seen: set[typed.FunSymbol] = set()
         for root in roots:
@@ -350,7 +354,7 @@ class _Condition:
 
 
 def _parts_of_range(span: Range, constants: list[float]) -> list[Range]:
-    """The parts of a range between constants; each constant, and NaN, is a part of its own."""
+    """The parts of a range between constants; each constant is a separate part, and so is NaN."""
     parts: list[Range] = []
     if span.nan:
         parts.append(Range(math.inf, -math.inf, nan=True))
@@ -376,7 +380,7 @@ def _parts_of_range(span: Range, constants: list[float]) -> list[Range]:
 
 
 def _example_points(boxes: list[tuple[Range, ...]]) -> Iterator[tuple[Range, ...]]:
-    """Yields a few points of each box, with the ends and middles of its ranges."""
+    """Yields a few points of each box, made of the ends and middles of its ranges."""
     for box in boxes:
         yield from itertools.islice(
             itertools.product(*map(_sample_values, box)), SAMPLES ** len(box) * SAMPLES
@@ -384,14 +388,14 @@ def _example_points(boxes: list[tuple[Range, ...]]) -> Iterator[tuple[Range, ...
 
 
 def _random_points(cuts: list[list[Range]]) -> Iterator[tuple[Range, ...]]:
-    """Yields random points, the same ones every time; one of them decides most conditions."""
+    """Yields random points, always the same; they decide most conditions."""
     dice = Random(0)  # noqa: S311 - no secret
     for _ in range(RANDOM_POINTS):
         yield tuple([dice.choice(_sample_values(dice.choice(parts))) for parts in cuts])
 
 
 def _sample_values(span: Range) -> list[Range]:
-    """The ends of a range and its middle, each as a range of one value."""
+    """The two ends and the middle of a range, each as a range of one value."""
     if span.nan or span.low > span.high:
         return [span]
     of_ints = isinstance(span.low, int) and isinstance(span.high, int)

@@ -41,16 +41,16 @@ INPUT = "input."
 
 
 class NotAllowedError(Exception):
-    """A step, or a choice in it, that no execution has at this place; the message says why."""
+    """Raised for a step, or a choice in it, that no execution has here; the message says why."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScheduledActor:
     """A component or an input of a test, released at phase + k * period up to the horizon.
 
-    A step happens in [r, r + window], where r is its release; `skips` releases in a row may be lost
-    (0: none). Publications take effect from `least` (> 0: every step lasts) up to `overrun` after
-    the step began (0: at once). Times in ns.
+    For a release r the step happens in [r, r + window]; up to `skips` releases in a row may be
+    lost. Publications take effect between `least` and `overrun` after the step began; `least` > 0
+    means that every step lasts, and `overrun` 0 means at once. Times in ns.
     """
 
     name: str
@@ -102,13 +102,13 @@ def scheduled_actors(system: System) -> tuple[ScheduledActor, ...]:
 
 
 def test_plan(system: System) -> TestPlan:
-    """The test that the system was flattened for."""
+    """The plan of the test for which the system was flattened."""
     assert system.test is not None, f"{system.name} is no test"
     return system.test
 
 
 class ExecutionCalendar:
-    """The place of one execution in its calendar; `take_step` checks a step and moves on."""
+    """The state of an execution in its calendar; `take_step` checks a step and moves on."""
 
     def __init__(self, system: System) -> None:
         self.actors = scheduled_actors(system)
@@ -126,9 +126,9 @@ class ExecutionCalendar:
     # ------------------------------------------------------------ what is to come
 
     def next_window(self, index: int) -> tuple[int, int] | None:
-        """The times [lo, hi] at which an actor's next step may happen; None: it has no step left.
+        """The times [lo, hi] in which an actor's next step may happen; None if it has no more.
 
-        For an actor that still runs, that step is when its publications take effect.
+        While an actor still runs, its next step is the effect of its publications.
         """
         actor = self.actors[index]
         if index in self._running:
@@ -138,7 +138,7 @@ class ExecutionCalendar:
 
     @property
     def is_observable(self) -> bool:
-        """Whether time may pass here, as every step that is due has happened."""
+        """Whether time may pass here, as all steps that are due have happened."""
         return all(hi > self.now for _, hi in self._open_windows())
 
     @property
@@ -153,9 +153,9 @@ class ExecutionCalendar:
     # ------------------------------------------------------------ moving on
 
     def take_step(self, step: Step) -> int | None:
-        """Checks a step and moves on; returns the actor's number, None for the start.
+        """Checks a step and moves on; returns the number of the actor, or None for the start.
 
-        NotAllowedError if the schedule does not allow the step here.
+        Raises NotAllowedError if the schedule does not allow the step here.
         """
         if step.kind == START:
             if self._started or self.now != -1 or any(self.done):
@@ -170,7 +170,7 @@ class ExecutionCalendar:
             raise NotAllowedError(f"`{step.actor}` has no release left up to the horizon")
         self._check_kind(step, index, window)
         self._check_time(step, index, window)
-        self._move_on(step, index)
+        self._advance_calendar(step, index)
         return index
 
     def _check_kind(self, step: Step, index: int, window: tuple[int, int]) -> None:
@@ -191,7 +191,7 @@ class ExecutionCalendar:
             raise NotAllowedError(f"the test does not let `{actor.name}` skip {many}")
 
     def _deployed_place(self, index: int) -> tuple[bool, int]:
-        """The place of an actor in the deployed order: inputs come before components."""
+        """A sort key for the deployed order of actors: inputs come before components."""
         return self.actors[index].drive is None, index
 
     def _check_time(self, step: Step, index: int, window: tuple[int, int]) -> None:
@@ -221,7 +221,7 @@ class ExecutionCalendar:
                 by = show_ns(other_window[1])
                 raise NotAllowedError(f"`{actor.name}` has to step before, by {by}")
 
-    def _move_on(self, step: Step, index: int) -> None:
+    def _advance_calendar(self, step: Step, index: int) -> None:
         self.now = step.time_ns
         if step.kind == EFFECT:
             del self._running[index]
@@ -237,7 +237,7 @@ class ExecutionCalendar:
 
 
 class TraceDraws(AnsweredDraws):
-    """Draws that a trace answers with its choices; where it has none, the first alternative."""
+    """Draws with answers from a trace; a question without an answer gets the first alternative."""
 
     def __init__(self, system: System, seed: int) -> None:
         super().__init__(system, self._next_pick, seed)
@@ -254,7 +254,7 @@ class TraceDraws(AnsweredDraws):
             self._choices_by_stream.setdefault(choice.stream, []).append(choice)
 
     def end_step(self) -> tuple[Choice, ...]:
-        """Ends the step, and returns the choices it asked for; NotAllowedError if any is left."""
+        """Ends the step, and returns the choices it used; NotAllowedError if others are left."""
         for stream, left in self._choices_by_stream.items():
             if left:
                 raise NotAllowedError(f"nothing asks for a choice from `{stream}`")
@@ -262,7 +262,7 @@ class TraceDraws(AnsweredDraws):
         return tuple([Choice(a.stream, a.pick, a.count, value) for a, value in pairs])
 
     def note_value(self, value: object) -> None:
-        """Notes the value, as JSON, that the last answer stood for."""
+        """Notes, as JSON, the value that belongs to the last answer."""
         if self._values:
             self._values[-1] = value
 
@@ -279,7 +279,7 @@ class TraceDraws(AnsweredDraws):
     # ------------------------------------------------------------ Draws
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """The number of one of `count` alternatives; its value is not known here."""
+        """The number of the alternative, of `count`; its value is not known here."""
         pick = super().choice(stream, index, count)
         self._keep_value(None)
         return pick
@@ -298,14 +298,14 @@ class TraceDraws(AnsweredDraws):
         return value
 
     def _keep_value(self, value: object) -> None:
-        """Notes the value of the question that was asked last, if there was one."""
+        """Notes the value for the last question, if that question has no value yet."""
         if len(self.questions) > len(self._values):
             self._values.append(value)
 
 
 @dataclass
 class _ControlHistory:
-    """When a module's DM last gave the verdict AC (0: the start), and whether SC acted since."""
+    """When a module's DM last chose AC (0: the start), and whether SC has acted since."""
 
     last_ac_ns: int = 0
     sc_acted: bool = False
@@ -313,7 +313,7 @@ class _ControlHistory:
 
 
 class Judge:
-    """Follows one execution; `violations_at` gives the properties that it violates."""
+    """Follows one execution; `violations_at` gives the properties that the execution violates."""
 
     def __init__(self, machine: ExecutableSystem) -> None:
         self._machine = machine
@@ -365,7 +365,7 @@ class Judge:
     # ------------------------------------------------------------ what is violated
 
     def violations_at(self, c: Configuration, *, observable: bool, over: bool) -> list[ViolationId]:
-        """The properties that are violated in `c`; `over`: no step is left."""
+        """The properties that are violated in `c`; `over`: whether all steps have happened."""
         violations: list[ViolationId] = []
         if observable:
             self._update_deadlines(c)
@@ -388,7 +388,7 @@ class Judge:
         ]
 
     def _update_deadlines(self, c: Configuration) -> None:
-        """Drops the deadlines that are met in `c`, and adds those of premises that hold in it."""
+        """Drops the deadlines that `c` meets, and adds those of premises that hold in `c`."""
         for prop in self._timed:
             due = self._due.get(prop.index)
             if prop.kind == "invariant" or (due is not None and due < c.ct):
@@ -415,7 +415,7 @@ class Judge:
         return fault is None and self._holds(self._condition[p.index], c)
 
     def _holds(self, code: Compiled | None, c: Configuration) -> bool:
-        """Whether a condition holds in `c`; it does not if it faults."""
+        """Whether a condition holds in `c`; a condition that faults does not hold."""
         assert code is not None
         try:
             return bool(code(self._machine.environment(c)))
@@ -431,7 +431,7 @@ class Judge:
         return None
 
     def _invariant_holds(self, p: TimedProperty, c: Configuration) -> bool:
-        """Whether `safe` holds, and the last AC verdict is recent or SC has taken control."""
+        """Whether `safe` holds, and either the last AC verdict is recent or SC has acted since."""
         assert p.module is not None
         module, history = self._system.modules[p.module], self._histories[p.module]
         if not self._holds(self._safe[p.module], c):
@@ -442,7 +442,7 @@ class Judge:
     # ------------------------------------------------------------ why
 
     def violation_reason(self, broken: ViolationId, c: Configuration, before: Configuration) -> str:
-        """Why a property is violated in `c`, in words; "" if the text of the property says it.
+        """Why a property is violated in `c`, in words; "" if the text of the property is enough.
 
         `before`: the configuration from which the last step led to `c`.
         """
@@ -461,7 +461,7 @@ class Judge:
         return f"{held}, and {missed} from then on up to {_time_text(due_ns)}{faulted}"
 
     def _property_reason(self, index: int, c: Configuration, before: Configuration) -> str:
-        """Words on a fault in judging an `always` or `never`, or on an earlier violation of it."""
+        """Words on a fault while judging an `always` or `never`, or on an earlier violation."""
         fault = judging_fault(self._machine, c, index)
         clauses = [] if fault is None else [f"judging it faults ({fault_text(fault)})"]
         if violated_properties(self._machine, before)[index]:

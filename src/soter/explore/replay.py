@@ -55,7 +55,7 @@ MODES = ("SC", "AC")
 
 @dataclass(frozen=True)
 class DroppedMessage:
-    """A value that a full queue lost: the oldest or the new one, as its policy says."""
+    """A value that a full queue lost: the oldest or the newest, as the queue's policy says."""
 
     queue: str
     policy: str
@@ -65,10 +65,9 @@ class DroppedMessage:
 class ReplayedStep:
     """One step and the configuration that it led to. Values are JSON; times are ns.
 
-    `published`: the values that reached topics, by the topic's name; where a step may publish
-    several messages, the list of them. `gated`: its outputs were not enabled, so that they reached
-    no topic. `decided`: the facts that a DM saw, and its mode. `violated`: all properties that are
-    violated after it, that of the trace and others.
+    `published`: topic name -> the value that reached the topic, or a list of values for a burst.
+    `gated`: whether the outputs were disabled, so that they reached no topic. `decided`: the facts
+    that a DM saw, and its mode. `violated`: all properties that are violated after the step.
     """
 
     number: int
@@ -97,7 +96,7 @@ class ReplayedStep:
 
 @dataclass(frozen=True)
 class Replayed:
-    """The replay of a trace; `problem`: why the trace is no execution, or None if it is one."""
+    """The replay of a trace; `problem` says why the trace is no execution, or is None."""
 
     trace: Trace
     system: System
@@ -109,8 +108,8 @@ class Replayed:
 
     @property
     def violated_at(self) -> int | None:
-        """The number of the first step that violates the trace's property; None: no step does."""
-        return next((s.number for s in self.steps if self.has_own_violation(s.violated)), None)
+        """The number of the first step that violates the trace's property; None if no step does."""
+        return next((s.number for s in self.steps if self.has_violation_of_trace(s.violated)), None)
 
     @property
     def reproduced(self) -> bool:
@@ -118,17 +117,17 @@ class Replayed:
         return (
             self.problem is None
             and bool(self.steps)
-            and self.has_own_violation(self.steps[-1].violated)
+            and self.has_violation_of_trace(self.steps[-1].violated)
         )
 
-    def has_own_violation(self, violations: Iterable[ViolationId]) -> bool:
-        """Whether the violation that the trace names is among these."""
+    def has_violation_of_trace(self, violations: Iterable[ViolationId]) -> bool:
+        """Whether `violations` contains the violation that the trace names."""
         wanted = (self.trace.broken.what, self.trace.broken.index)
         return wanted in [(b.what, b.index) for b in violations]
 
     @property
     def outcome(self) -> str:
-        """The outcome of the replay in a sentence."""
+        """A sentence that says whether the replay showed the violation, or why it did not."""
         if self.problem is not None:
             return self.problem
         if self.reproduced:
@@ -140,7 +139,7 @@ class Replayed:
 
 
 def replay(trace: Trace, system: System) -> Replayed:
-    """Replays a trace; `system`: its test, flattened with the trace's parameters and times."""
+    """Replays a trace on `system`, the flat test with the parameters and times of the trace."""
     actors = scheduled_actors(system)
     if find_violation_id(system, trace.broken.what, trace.broken.index) != trace.broken:
         problem = f"the test has no such property: {trace.broken.text}"
@@ -153,7 +152,7 @@ def replay(trace: Trace, system: System) -> Replayed:
 
 
 def _follow_trace(run: _TraceRun, trace: Trace) -> tuple[tuple[ReplayedStep, ...], str | None]:
-    """The steps up to the first one that is not allowed, and why that one is not."""
+    """The steps up to the first step that is not allowed, and the reason, or None if all are."""
     problem: str | None = None
     for number, step in enumerate(trace.steps, run.first_number):
         try:
@@ -169,7 +168,7 @@ def _follow_trace(run: _TraceRun, trace: Trace) -> tuple[tuple[ReplayedStep, ...
 
 @dataclass
 class _Event:
-    """The effects of a step, for its record."""
+    """The effects of a step, from which its record is made."""
 
     published: dict[str, object] = field(default_factory=dict)
     gated: bool = False
@@ -208,7 +207,7 @@ class _TraceRun:
         """The values that overrunning steps will publish, by component."""
 
     def make_step(self, number: int, step: Step) -> None:
-        """Makes one step; `NotAllowedError` if this execution cannot make it."""
+        """Makes one step; raises NotAllowedError if this execution cannot make the step."""
         index = self.schedule.take_step(step)
         if index is None:
             self._record_step(number, step, self.draws.end_step(), _Event())
@@ -288,7 +287,7 @@ class _TraceRun:
     def _contract_reasons(
         self, n: int, done: _Event, before: Configuration
     ) -> dict[ViolationId, str]:
-        """For each broken contract whose judgement faults, words on that fault."""
+        """The reason for each broken contract whose condition faults while it is judged."""
         component, reasons = self.system.components[n], {}
         for b in done.broken:
             if b.what == CONTRACT:
@@ -314,22 +313,24 @@ class _TraceRun:
         return _Event(decided=facts, switch=switch)
 
     def _step_violations(self, n: int, event: StepOutcome) -> list[ViolationId]:
-        """The contracts that a step breaks, and the fault of a trusted component."""
+        """The contracts that a step breaks, and the fault of a trusted component if it latched."""
         named = [find_violation_id(self.system, CONTRACT, i) for i in event.violated]
         if event.latched:
             named.append(find_violation_id(self.system, FAULT, n))
         return [b for b in named if b is not None]
 
     def _hold_back_outputs(self, before: Configuration, n: int, event: StepOutcome) -> None:
-        """Takes the outputs of an overrunning step back; they are published when it ends."""
+        """Takes back the outputs of an overrunning step, to publish them when the step ends."""
         self._waiting[n] = dict(event.published)
-        own_queues = [t.index for t in self.system.topics if self._is_own_queue(t.index, n)]
+        own_queues = [
+            t.index for t in self.system.topics if self._is_queue_of_component(t.index, n)
+        ]
         topics, stamps = list(before.Topics), list(before.stamps)
         for i in own_queues:  # emptied by the step, whatever it published itself
             topics[i], stamps[i] = self.system.topics[i].default, self.c.stamps[i]
         self.c = replace(self.c, Topics=tuple(topics), stamps=tuple(stamps))
 
-    def _is_own_queue(self, topic: int, n: int) -> bool:
+    def _is_queue_of_component(self, topic: int, n: int) -> bool:
         candidate = self.system.topics[topic]
         name = self.system.components[n].name
         return candidate.queue_of is not None and candidate.name.startswith(f"{name}.")
@@ -408,7 +409,7 @@ class _TraceRun:
 
 
 def find_violation_id(system: System, kind: str, index: int) -> ViolationId | None:
-    """The violation of this kind and number; None if the system has none such."""
+    """The violation of this kind and number; None if the system has no such violation."""
     plan = test_plan(system)
     if kind == FAULT and index < len(system.components):
         component = system.components[index]
@@ -427,7 +428,7 @@ def find_violation_id(system: System, kind: str, index: int) -> ViolationId | No
 
 
 def with_chosen_values(replay_result: Replayed) -> Replayed:
-    """A copy of the replay, with the values that the interpreter chose in its trace."""
+    """A copy of the replay whose trace has the values that the interpreter chose."""
     steps = tuple(
         replace(step, choices=done.choices)
         for step, done in zip(replay_result.trace.steps, replay_result.steps, strict=True)

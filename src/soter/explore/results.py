@@ -93,18 +93,18 @@ UNSHOWN = {
 
 @dataclass(eq=False)
 class TestResult:
-    """The result of one test, from what was searched to what was found and may be relied on.
+    """The result of the search of one test, with its statistics and the violation found.
 
-    `verdict`: EXHAUSTED, VIOLATED, or BOUND where the search stopped at `bound`, a key of BOUNDS.
-    `states`: configurations stored; `transitions`: steps made between them; `runs`: executions
-    drawn; `depth`: steps of the longest one seen; `bits`: of a packed configuration; `seconds`: of
-    the search alone. `table_bytes`, `frontier_bytes`: what stored configurations took, and those
-    that were still to be followed.
-    `broken`, `replayed` and `trace` (the file) are there where it is violated; `minimal` says
-    that no execution to that violation has fewer steps. `least_bound`: why that was not shown.
-    `minimise_s`: seconds that were spent on that and on shrinking. A violation that no execution
-    shows has `broken` alone, and `unshown` says why: the compiled steps found it, no interpreter
-    has replayed it.
+    `verdict`: EXHAUSTED, VIOLATED, or BOUND if the search stopped at `bound`, a key of BOUNDS.
+    `states`: number of stored configurations. `transitions`: number of steps between them. `runs`:
+    number of drawn executions. `depth`: steps of the longest execution. `bits`: size of a packed
+    configuration. `seconds`: duration of the search alone. `table_bytes`: memory of the stored
+    configurations. `frontier_bytes`: memory of the configurations that were still to be followed.
+
+    If the test is violated, `broken`, `replayed` and the file `trace` are set, and `minimal` says
+    whether the trace is proved to be shortest; if not, `least_bound` says why. `minimise_s`:
+    seconds spent on shortening the trace. If no interpreter can replay the violation that the
+    compiled steps found, only `broken` is set, and `unshown` says why.
     """
 
     __test__ = False  # not a test of pytest's
@@ -167,30 +167,30 @@ class TestResult:
 
     @property
     def threads_fewer(self) -> str:
-        """Why fewer threads searched than the user asked for; "" if as many did."""
+        """The reason why fewer threads ran than the user asked for; "" if as many ran."""
         return self.options.why_fewer_threads(self.threads)
 
     @property
     def states_per_s(self) -> float:
-        """Configurations stored per second, or steps of executions where none are stored."""
+        """Configurations stored per second; if none are stored, steps of executions per second."""
         count = self.states or self.transitions
         return count / self.seconds if self.seconds > 0 else 0.0
 
     @property
     def bytes_per_state(self) -> float:
-        """The table's bytes for each configuration that it stores."""
+        """The memory of the table in bytes, divided by the number of stored configurations."""
         return self.table_bytes / self.states if self.states else 0.0
 
     @property
     def not_shortest(self) -> str:
-        """Why the trace may not be the shortest; "" if it is, or if there is no trace."""
+        """The reason why the trace may not be the shortest; "" if it is, or if no trace exists."""
         if self.replayed is None or self.least_bound is None:
             return ""
         return why_not_shortest(self.least_bound, self.options)
 
     @property
     def violated_there(self) -> tuple[str, ...]:
-        """The properties that are violated at the end of the trace, the trace's own first."""
+        """The properties violated at the end of the trace; the trace's property comes first."""
         if self.replayed is None or self.broken is None:
             return ()
         others = [b.text for b in self.replayed.steps[-1].violated if b != self.broken]
@@ -198,7 +198,7 @@ class TestResult:
 
     @property
     def not_shown(self) -> str:
-        """Why no execution shows the violation, and how to get one; "" if one is shown."""
+        """The reason why no execution shows the violation, and a remedy; "" if one shows it."""
         if self.unshown is None:
             return ""
         why = UNSHOWN[self.unshown]
@@ -224,15 +224,15 @@ class TestResult:
 
     @property
     def parts_clause(self) -> str:
-        """A clause on the parts that were explored alone; "" if there was only one."""
+        """A clause on how many separate parts were explored; "" if the system was not split."""
         return f"; {self.parts} parts that share no data, explored apart" if self.parts > 1 else ""
 
     @property
     def slow_search_note(self) -> str:
         """A note that `--reduction ample` may be faster; "" if the search was not slow.
 
-        A search that stores only the ends of instants follows paths many times that meet between
-        two ends.
+        A search that stores only the ends of instants repeats steps that several paths between two
+        ends share.
         """
         ends_only = self.options.strategy == "bfs" and self.options.reduction in ENDS_ONLY
         each = self.transitions / max(self.states, 1)
@@ -245,7 +245,7 @@ class TestResult:
 
     @property
     def for_ever_clause(self) -> str:
-        """A clause that the verdict holds for ever; "" if the search did not show that."""
+        """A clause that says that the verdict holds for ever; "" if the search did not show it."""
         if self.closed_ns is None:
             return ""
         return (
@@ -254,7 +254,7 @@ class TestResult:
 
     @property
     def interrupted(self) -> bool:
-        """Whether the user stopped the search, or the work on its trace."""
+        """Whether the user stopped the search, or the shortening or replay of its trace."""
         return INTERRUPTED in (self.bound, self.least_bound, self.unshown, self.others_bound)
 
     def __repr__(self) -> str:
@@ -265,12 +265,12 @@ class TestResult:
 def bound_text(
     bound: str, options: SearchOptions, who: str = "a step", words: int = WORDS_MAX
 ) -> str:
-    """The bound reached, in words; `who`: the step with too many choices; `words`: how many."""
+    """The text of the bound that was reached."""
     return BOUNDS[bound].format(strategy=options.strategy, who=who, words=words)
 
 
 def why_not_shortest(bound: str, options: SearchOptions) -> str:
-    """Why a trace may not be the shortest one, for people."""
+    """The reason, in words for people, why a trace may not be the shortest one."""
     why = NOT_SHORTEST[bound].format(minimise=options.minimise)
     first = f"; {options.strategy} met this one first" if options.strategy != "bfs" else ""
     return f"{why}{first}"
@@ -278,7 +278,7 @@ def why_not_shortest(bound: str, options: SearchOptions) -> str:
 
 @dataclass(eq=False)
 class ExploreReport:
-    """What `Program.explore` returns: a result for each test, in the program's order."""
+    """The report of `Program.explore`, with a result for each test, in the program's order."""
 
     path: str
     program_sha256: str
@@ -294,7 +294,7 @@ class ExploreReport:
 
     @property
     def interrupted(self) -> bool:
-        """Whether the user stopped a test; the tests after it are then missing."""
+        """Whether the user stopped a test, so that the tests after it did not start."""
         return any(t.interrupted for t in self.tests) or bool(self.not_started)
 
     def _repr_html_(self) -> str:
@@ -308,7 +308,7 @@ class ExploreReport:
         return notebook_table(f"{self.path}: {self.verdict}", heads, rows, self.not_started)
 
     def unclean_contracts_note(self, test: TestResult) -> str:
-        """A note on tests of contracts on which `test` relies that are not clean; "" if all are."""
+        """A note on tests that should verify contracts for `test` but are not exhausted; or ""."""
         asked = {name for names in test.contracts.values() for name in names}
         unclean_tests = [t.name for t in self.tests if t.name in asked and t.verdict != EXHAUSTED]
         names = " and ".join(f"`{name}`" for name in unclean_tests)
@@ -317,7 +317,7 @@ class ExploreReport:
         )
 
     def __getitem__(self, test: str) -> TestResult:
-        """The result of the test with this name; KeyError if there is none."""
+        """The result of the test with this name; raises KeyError if no test has the name."""
         for t in self.tests:
             if t.name == test:
                 return t
@@ -332,9 +332,9 @@ class ExploreReport:
 class WholeByParts:
     """The conclusion on a whole system, up to `horizon_ns`, from tests that replace parts of it.
 
-    `held`: each instance that its contract replaces, and the tests in which it runs itself.
-    `assumed`: (test, instance, its replacement) for other replacements that somebody reads.
-    `missing`: why nothing is shown of the whole; () if something is.
+    `held`: each instance that a contract replaces, and the tests in which the instance itself runs.
+    `assumed`: (test, instance, replacement) for each other replacement whose outputs are read.
+    `missing`: reasons why the tests show nothing of the whole system; () if they do.
     """
 
     system: str
@@ -368,7 +368,7 @@ class WholeByParts:
 
 
 def wholes_by_parts(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
-    """A `WholeByParts` for each group of tests in which a contract replaces something."""
+    """The conclusion for each group of comparable tests in which a contract replaces a part."""
     alike: dict[Hashable, list[TestResult]] = {}
     for result in results:
         symbol = result.system.program.tests.get(result.name)
@@ -380,7 +380,7 @@ def wholes_by_parts(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
 
 
 def _comparison_key(result: TestResult, symbol: TestSymbol) -> Hashable:
-    """The settings that are equal in all tests of one group, so that their executions compare."""
+    """The settings that two tests must share to be in one group, as a key for a dictionary."""
     plan, system = test_plan(result.system), result.system
     names = [c.name for c in system.components]
     faults = {(names[f.component], f.kind, f.by_ns, f.at_most, f.least_ns) for f in plan.faults}

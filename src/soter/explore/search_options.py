@@ -67,7 +67,7 @@ def stores_only_ends(reduction: str) -> bool:
 
 
 def reduction_bits(reduction: str, *, between: bool) -> int:
-    """`soter_explore_options.reduce`; `between`: configurations between ends are stored as well."""
+    """The bits of a reduction for C; `between` (also store between ends) drops SLEEP and GROUPS."""
     asked = REDUCTIONS[reduction]
     return asked & ~(SLEEP | GROUPS) if between else asked
 
@@ -81,9 +81,9 @@ def c_constant(name: str) -> str:
 class SearchProgress:
     """The progress of a search, for a line of output.
 
-    After it found a violation: `tracing`, it looks for an execution that shows it; `minimising`,
-    for the shortest one. `bytes`: memory of all that it keeps. `answers`: those of the step that
-    it tries, if very many.
+    `tracing`: the search found a violation and looks for an execution that shows it. `minimising`:
+    it looks for the shortest such execution. `bytes`: memory used. `answers`: choices of the step
+    that is being tried, if they are very many.
     """
 
     test: str
@@ -99,7 +99,7 @@ class SearchProgress:
     """Everything observable before this time was judged, in all executions (breadth first)."""
 
 
-def _either(names: Iterable[str], default: str, end: str) -> str:
+def _text_of_alternatives(names: Iterable[str], default: str, end: str) -> str:
     shown = [f"{n} (the default)" if n == default else n for n in names]
     return f"{', '.join(shown[:-1])}{end}{shown[-1]}"
 
@@ -119,10 +119,18 @@ class SearchOptions:
     )
     strategy: str = option("--strategy S", STRATEGIES[0], HOW, choice(*STRATEGIES), "strategy")
     storage: str = option(
-        "--storage S", "exact", _either(STORAGES, "exact", " or "), choice(*STORAGES), "storage"
+        "--storage S",
+        "exact",
+        _text_of_alternatives(STORAGES, "exact", " or "),
+        choice(*STORAGES),
+        "storage",
     )
     reduction: str = option(
-        "--reduction R", "all", _either(REDUCTIONS, "all", " or "), choice(*REDUCTIONS), "reduction"
+        "--reduction R",
+        "all",
+        _text_of_alternatives(REDUCTIONS, "all", " or "),
+        choice(*REDUCTIONS),
+        "reduction",
     )
     threads: int = option(
         "--threads N",
@@ -182,13 +190,13 @@ class SearchOptions:
     )
 
     def why_fewer_threads(self, ran: int) -> str:
-        """Why only `ran` threads searched; "" if as many did as were asked for."""
+        """The reason why only `ran` threads searched; "" if as many ran as the user asked for."""
         few = "its first steps were all that it took, or the machine gave no more"
         return "" if ran == self.threads else few
 
 
 class SearchKeywords(TypedDict, total=False):
-    """The options as keywords, for type checkers: the fields above except `test`."""
+    """The fields of `SearchOptions` except `test`, as keywords for type checkers."""
 
     strategy: str
     storage: str

@@ -25,7 +25,7 @@ from soter.language.model import typed
 from soter.language.model.tree_walk import nodes, plant_code
 from soter.language.model.types import BoolType
 from soter.language.model.values import to_json
-from soter.report.atomic_write import own_path
+from soter.report.atomic_write import path_without_links
 from soter.version import why_format_is_unreadable
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ BYTES_MAX = 64 * 2**20
 
 @dataclass(frozen=True)
 class Choice:
-    """One question that a step left open: alternative `pick` of `of`; `value` is for people."""
+    """An answer to one `choose`: alternative `pick` out of `of`; `value` is a text for people."""
 
     stream: str
     pick: int
@@ -64,7 +64,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Step:
-    """One step; `actor`: a component's full name, `input.<topic>`, or "" for the start."""
+    """One step; `actor` is a component's full name, `input.<topic>`, or "" for the start."""
 
     actor: str
     kind: str
@@ -75,7 +75,7 @@ class Step:
 
 @dataclass(frozen=True)
 class ViolationId:
-    """A violated property or a fault: `what` of VIOLATION_KINDS, `index` in the flat system."""
+    """A violated property or fault: `what` is of VIOLATION_KINDS, `index` of the flat system."""
 
     what: str
     index: int
@@ -84,10 +84,10 @@ class ViolationId:
 
 @dataclass(frozen=True)
 class Trace:
-    """An execution that violates a property, and the test that it is an execution of.
+    """An execution that violates a property, and the test to which it belongs.
 
-    `program`: path as the user gave it; in the file it is relative to the file. `params`: the
-    parameters that the user set, as JSON. `seed`: of all that is drawn by chance. Times in ns.
+    `program`: the path as the user typed it; in the file, a path relative to the file. `params`:
+    the parameters that the user set, as JSON. `seed`: determines all random draws. Times are in ns.
     """
 
     program: str
@@ -112,14 +112,14 @@ class Trace:
 
 
 class DamagedTraceError(Exception):
-    """A document is no trace; the text says what is wrong with it."""
+    """An error for a document that is no trace; the text says what is wrong with the document."""
 
 
 # ---------------------------------------------------------------- writing
 
 
 def trace_document(trace: Trace, folder: Path | None = None) -> dict[str, object]:
-    """The JSON document of a trace; the program's path is relative to `folder`, if given."""
+    """The JSON document of a trace; if `folder` is set, the program's path is relative to it."""
     return {
         "schema": SCHEMA,
         "kind": KIND,
@@ -167,7 +167,7 @@ def _relative_path(program: str, folder: Path | None) -> str:
 
 
 def write_trace(trace: Trace, path: Path) -> Path:
-    """Writes a trace as JSON, one line for each step; `SoterError` D006."""
+    """Writes a trace as JSON, one line for each step; raises SoterError D006 if it cannot."""
     document = trace_document(trace, path.parent)
     steps = document.pop("steps")
     assert isinstance(steps, list)
@@ -176,7 +176,7 @@ def write_trace(trace: Trace, path: Path) -> Path:
     text = f'{head[:-2]},\n "steps": [\n  {lines}\n ]\n}}\n'
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        own_path(path.parent, path.name).write_text(text, encoding="utf-8")
+        path_without_links(path.parent, path.name).write_text(text, encoding="utf-8")
     except OSError as error:
         message = f"cannot write `{path}`: {reason(error)}"
         raise SoterError((Diagnostic("D006", message),)) from error
@@ -187,7 +187,7 @@ def write_trace(trace: Trace, path: Path) -> Path:
 
 
 def read_document(path: Path) -> dict[str, Any]:
-    """The JSON object in a file; `SoterError` D010 if the file holds none."""
+    """The JSON object in a file; raises SoterError D010 if the file holds no object."""
     try:
         document = parse_json(read_bytes(path, BYTES_MAX))
     except OSError as error:
@@ -202,12 +202,12 @@ def read_document(path: Path) -> dict[str, Any]:
 
 
 def read_trace(path: Path) -> Trace:
-    """The trace in a file; `SoterError` D010 if the file holds none."""
+    """The trace in a file; raises SoterError D010 if the file holds no trace."""
     return trace_from_document(read_document(path), path)
 
 
 def trace_from_document(document: Mapping[str, Any], path: Path) -> Trace:
-    """The trace of a document that was read from `path`; `SoterError` D010."""
+    """The trace in a document that was read from `path`; raises SoterError D010 if it is none."""
     try:
         return _read_trace(_JsonFields(document, ""), path)
     except DamagedTraceError as error:
@@ -215,7 +215,7 @@ def trace_from_document(document: Mapping[str, Any], path: Path) -> Trace:
 
 
 def no_trace_error(path: Path, reason: str) -> SoterError:
-    """The error D010: the file is no trace, for this reason."""
+    """The SoterError D010, which says that the file is no trace, and why."""
     hint = "`soter test` writes one for every violation, `.soter/<program>-<test>.trace.json`"
     problem = Diagnostic("D010", f"`{path}` is no trace: {reason}", helps=(hint,))
     return SoterError((problem,))
@@ -226,7 +226,7 @@ def _first_line(error: Exception) -> str:
 
 
 class _JsonFields:
-    """Reads the fields of a JSON object, and checks the type of each."""
+    """Reads the fields of a JSON object, and checks the type of each field."""
 
     def __init__(self, data: object, where: str) -> None:
         if not isinstance(data, dict):
@@ -346,7 +346,7 @@ def _read_choice(document: _JsonFields) -> Choice:
 
 
 def program_path(trace: Trace) -> str:
-    """The path of a trace's program: relative to the file it was read from, or as it was given."""
+    """The path of a trace's program, found beside the trace's file or as the user typed it."""
     if trace.path is not None:
         beside = Path(os.path.normpath(trace.path.parent / trace.program))
         if beside.is_file() or not Path(trace.program).is_file():
@@ -374,7 +374,7 @@ class _ChoiceSite:
     component: Component
 
     def may_ask(self, count: int) -> bool:
-        """Whether it can offer `count` alternatives; a fair `choose` sometimes offers fewer."""
+        """Whether the `choose` can offer `count` alternatives; a fair one may offer fewer."""
         return count == self.expr.count or (self.expr.ages is not None and count < self.expr.count)
 
     def json_value(self, pick: int, count: int) -> object:
@@ -393,7 +393,7 @@ class _ChoiceSite:
 
 
 class ChoiceWords:
-    """Gives the choices of a trace their values (`with_value`) and their `question_text`."""
+    """Finds the value and the source text of each choice of a trace."""
 
     def __init__(self, system: System) -> None:
         self._sites = {
@@ -404,19 +404,19 @@ class ChoiceWords:
         }
 
     def with_value(self, choice: Choice) -> Choice:
-        """The choice, with its value if the program determines it without a run."""
+        """The choice with its value added, if the program determines the value without a run."""
         site = self._asking_site(choice)
         if choice.value is not None or site is None:
             return choice
         return replace(choice, value=site.json_value(choice.pick, choice.of))
 
     def question_text(self, choice: Choice) -> str:
-        """The source text of the `choose` that asked; else the name of the stream."""
+        """The source text of the `choose` that asked; if unclear, the name of the stream."""
         site = self._asking_site(choice)
         return choice.stream if site is None else _source_words(site)
 
     def _asking_site(self, choice: Choice) -> _ChoiceSite | None:
-        """The `choose` that asked; None if several could have asked for different values."""
+        """The `choose` that asked; None if several fit and they differ in text or value."""
         fitting = [a for a in self._sites.get(choice.stream, ()) if a.may_ask(choice.of)]
         meanings = {(_source_words(a), str(a.json_value(choice.pick, choice.of))) for a in fitting}
         return fitting[0] if len(meanings) == 1 else None
@@ -433,7 +433,7 @@ def _step_code(component: Component) -> Iterable[object]:
 
 
 def changed_program_error(trace: Trace, path: str) -> SoterError:
-    """The error D011: the program has changed since the trace was found."""
+    """The SoterError D011, which says that the program has changed since the trace was found."""
     problem = Diagnostic(
         "D011",
         f"the trace belongs to another version of `{path}`",
@@ -444,7 +444,7 @@ def changed_program_error(trace: Trace, path: str) -> SoterError:
 
 
 def missing_program_error(trace: Trace, path: str) -> SoterError:
-    """The error D001: the program is not where the trace says."""
+    """The SoterError D001, which says that the program is not at the path in the trace."""
     problem = Diagnostic(
         "D001",
         f"the program of the trace is not there: `{path}`",

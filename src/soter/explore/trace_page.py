@@ -28,7 +28,7 @@ SEEN = ("ttf", "safer", "stale", "gate_fault")
 
 
 def trace_page(replay: Replayed, view: SequenceView) -> ReportPage:
-    """The page of a trace; `view`: the same trace in words."""
+    """The page of a trace; `view` describes the same trace in words."""
     facts = {
         "program": view.program,
         "program sha256": view.program_sha256,
@@ -69,7 +69,7 @@ _CELL_MAX = 10**6
 
 
 def _instants(replay: Replayed) -> Iterator[Instant]:
-    """Yields the first and last instant, and each at which time may pass or a property fails."""
+    """Yields the start, the end, each observable step and each violation, as instants."""
     for step in replay.steps:
         if step.observable or step.violated or step.kind == START or step is replay.steps[-1]:
             yield Instant(_time_s(step), step.topics, step.truth, step.modes)

@@ -47,9 +47,9 @@ def make_sequence_view(
     provenance: Mapping[str, str] | None = None,
     program: str | None = None,
 ) -> SequenceView:
-    """The view of a replayed trace; if it reproduces, the last step is the violating one.
+    """The view of a replayed trace; if the violation is reproduced, the last step is marked.
 
-    `program`: its path as a reader would type it; by default the path in the trace.
+    `program`: the path as a reader would type it; by default the path in the trace.
     """
     trace, system = replay.trace, replay.system
     words = ChoiceWords(system)
@@ -79,7 +79,7 @@ def make_sequence_view(
 
 
 def property_text(text: str) -> str:
-    """The text of a property, as `always x < 1`, with its code in backquotes."""
+    """The text of a property with its code in backquotes, for example `always x < 1`."""
     kind, _, rest = text.partition(" ")
     return f"{kind} `{rest}`" if kind in ("always", "never", "eventually") and rest else text
 
@@ -94,7 +94,7 @@ def _verdict_sentence(replay: Replayed) -> str:
 
 
 def _minimality_remark(replay: Replayed) -> str:
-    """Says whether the trace is the shortest one, and if not, why."""
+    """A remark that says whether the trace is the shortest, and if not, why."""
     if not replay.reproduced:
         return ""
     if replay.trace.minimal:
@@ -109,7 +109,7 @@ def _minimality_remark(replay: Replayed) -> str:
 
 
 def _overrun_durations(replay: Replayed) -> dict[int, int]:
-    """The ns from each overrunning step to the step of its effect, by the number of both steps."""
+    """The number of a step -> the duration in ns of the overrun that it begins or ends."""
     begun: dict[str, ReplayedStep] = {}
     durations: dict[int, int] = {}
     for step in replay.steps:
@@ -126,7 +126,7 @@ def _start_step(replay: Replayed) -> SequenceStep:
 
 
 def _initial_values(replay: Replayed) -> tuple[Published, ...]:
-    """The values of topics before the first step; queues, which are empty, are left out."""
+    """The values of topics before the first step, without the queues, which are empty then."""
     queues = {t.name for t in replay.system.topics if t.queue_of is not None}
     return tuple([Published(n, value_text(v)) for n, v in replay.start.items() if n not in queues])
 
@@ -153,7 +153,7 @@ def _sequence_step(
         dropped=tuple([f"queue `{d.queue}` is full: {DROPS[d.policy]}" for d in step.dropped]),
         lasts_ns=durations.get(step.number),
         observable=step.observable,
-        violates=replay.has_own_violation(step.violated),
+        violates=replay.has_violation_of_trace(step.violated),
         note=_step_note(step, replay),
     )
 
@@ -168,7 +168,7 @@ def _pick_in_words(choice: Choice, words: ChoiceWords) -> Pick:
 
 
 def value_text(value: object) -> str:
-    """A JSON value for people: records as `x = 1, y = 2`, floats with at most 9 digits."""
+    """The text of a JSON value for people; floats have at most 9 digits."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{n}: {value_text(v)}" for n, v in value.items()) + " }"
     if isinstance(value, list):
@@ -179,13 +179,13 @@ def value_text(value: object) -> str:
 
 
 def _step_note(step: ReplayedStep, replay: Replayed) -> str:
-    """Further remarks on a step, in one sentence."""
+    """A sentence with further remarks on a step; "" without any remark."""
     clauses = [
         r
         for b, r in zip(step.violated, step.reasons, strict=False)
-        if r and replay.has_own_violation([b])
+        if r and replay.has_violation_of_trace([b])
     ]
-    others = [f"`{b.text}`" for b in step.violated if not replay.has_own_violation([b])]
+    others = [f"`{b.text}`" for b in step.violated if not replay.has_violation_of_trace([b])]
     if others:
         clauses.append(
             f"{', '.join(others)} {'is' if len(others) == 1 else 'are'} violated as well"

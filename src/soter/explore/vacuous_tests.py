@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class Domains:
-    """The ranges of all scalars that a test may read; `start`: only before the first step."""
+    """The ranges of all scalars that a test may read; with `start`, those before the first step."""
 
     def __init__(self, system: System, *, start: bool = False) -> None:
         self._system = system
@@ -127,7 +127,7 @@ def permits_nothing(c: Component, read: Read) -> bool:
 def _condition_and_publication(
     condition: typed.TypedExpr, body: tuple[typed.TypedStmt, ...]
 ) -> typed.TypedExpr:
-    """The condition; where each output has an `if` of its own, also that one is published."""
+    """The condition, combined with the condition that at least one output is published."""
     if any(isinstance(s, typed.TypedPublish) for s in body):
         return condition
     published: typed.TypedExpr | None = None
@@ -146,7 +146,7 @@ def _is_guarantee(condition: typed.TypedExpr) -> bool:
 
 
 def _statements_below(body: object) -> list[object]:
-    """All statements of a body, also those inside others."""
+    """All statements of a body, also those inside other statements."""
     parts = list(body) if isinstance(body, tuple) else children(body)
     statements = [p for p in parts if isinstance(p, typed.TypedStmt)]
     return statements + [inner for p in statements for inner in _statements_below(p)]
@@ -157,10 +157,10 @@ CANNOT_FAIL = "property"
 
 @dataclass(frozen=True)
 class VacuousPart:
-    """One part of a test that says nothing.
+    """A part of a test that shows nothing, with the reason.
 
-    `what`: property (it cannot fail), premise (it was never put to the test), contract, module,
-    fault, input or replacement; `name`: its name or text; `why` it says nothing.
+    `what`: property (it cannot fail), premise (it never held), contract, module, fault, input or
+    replacement. `name`: the name or text of the part. `why`: the reason, as the end of a sentence.
     """
 
     what: str
@@ -169,12 +169,12 @@ class VacuousPart:
 
     @property
     def text(self) -> str:
-        """The part and the reason, in a sentence."""
+        """A sentence with the part and the reason."""
         return f"{self.name} {self.why}"
 
     @property
     def cannot_fail(self) -> bool:
-        """Whether it is a property that no execution could violate."""
+        """Whether the part is a property that no execution could violate."""
         return self.what == CANNOT_FAIL
 
 
@@ -186,11 +186,11 @@ def find_vacuous_parts(
     *,
     ended: bool,
 ) -> tuple[VacuousPart, ...]:
-    """All parts of a test that say nothing.
+    """All parts of a test that show nothing.
 
     `met`: for each property, then each timed one, whether it was judged, and put to the test.
-    `unreached`: modes that no execution reached. `replaced`: pairs of a component and what replaces
-    it. `ended`: the search saw all executions, so what none of them met cannot be met.
+    `unreached`: modes that no execution reached. `replaced`: pairs of a component and its
+    replacement. `ended`: whether the search saw all executions.
     """
     vacuities = [*_vacuous_statements(system, met, ended=ended), *_unread_parts(system, replaced)]
     for module in system.modules:
@@ -290,7 +290,7 @@ def _timed_vacuity(
 def _why_it_holds_anyway(
     condition: typed.TypedExpr, premise: typed.TypedExpr | None, scope: Scope, domains: Domains
 ) -> str:
-    """Why a timed property holds for all values; "" if it need not."""
+    """The reason why a timed property holds for all values; "" if it need not hold."""
     if holds_always(condition, True, scope, domains.scalar_range):
         return f"`{_source_text(condition)}` holds for every value of what it reads"
     if premise is None:
@@ -303,7 +303,7 @@ def _why_it_holds_anyway(
 
 
 def _implication(premise: typed.TypedExpr, condition: typed.TypedExpr) -> typed.TypedExpr:
-    """The expression that the condition holds wherever the premise does."""
+    """The expression `!premise || condition`."""
     fails = typed.TypedUnary(BOOL, premise.span, "!", premise)
     return typed.TypedBinary(BOOL, condition.span, "||", fails, condition)
 
@@ -341,7 +341,7 @@ def _fault_vacuities(system: System) -> Iterator[VacuousPart]:
 
 
 def _unread_parts(system: System, replaced: Sequence[tuple[str, str]]) -> Iterator[VacuousPart]:
-    """Yields inputs that are drawn, and replacements that publish, though nobody reads them.
+    """Yields drawn inputs, and replacements that publish, which no other part of the test reads.
 
     Replacements by contracts are left out: they make a test smaller, and are not meant to be read.
     """
@@ -396,7 +396,7 @@ def _topics_read(system: System) -> set[int]:
 def symbol_at_path(
     test: typed.TestSymbol, path: str
 ) -> typed.ModuleSymbol | typed.NodeSymbol | None:
-    """The module or node at a path in a test's system, before anything is replaced."""
+    """The module or node at a path in a test's system before replacements; None if neither."""
     found: object = test.system
     for name in path.split("."):
         if isinstance(found, typed.ModuleSymbol):

@@ -68,9 +68,9 @@ NUMBERS = "biufO"
 
 
 def array_of_doubles(numbers: object, subject: str) -> npt.NDArray[np.float64]:
-    """The numbers of an array, a list or what else NumPy takes for one, in its shape.
+    """The numbers of an array, a list or another object that NumPy accepts, in the same shape.
 
-    SoterError U001 for text, complex numbers, mappings, and numbers too large for a double.
+    Raises SoterError U001 for text, complex numbers, mappings and numbers too large for a double.
     """
     why = "it has other values than real numbers"
     try:
@@ -84,7 +84,7 @@ def array_of_doubles(numbers: object, subject: str) -> npt.NDArray[np.float64]:
 
 
 def assemble_values(shapes: Shapes, flat: object, subject: str) -> list[Value]:
-    """Makes one value of each type from an array of just as many numbers; SoterError U001."""
+    """Makes one value of each type from an array; raises SoterError U001 for a wrong count."""
     array = array_of_doubles(flat, subject)
     numbers = iter(array.reshape(-1).tolist())
     needed = sum(1 for _, t in shapes for _ in leaves(t))
@@ -95,7 +95,7 @@ def assemble_values(shapes: Shapes, flat: object, subject: str) -> list[Value]:
 
 
 def wrong_count_error(shapes: Shapes, count: int, subject: str) -> SoterError:
-    """The SoterError U001 that an array has `count` numbers, and the shapes need others."""
+    """The SoterError U001 that says that an array has `count` numbers, but `shapes` need others."""
     names = ", ".join(f"`{n}`" for n, _ in shapes)
     needed = sum(1 for _, t in shapes for _ in leaves(t))
     message = f"{subject} has {count} numbers, but {names} {needed}"
@@ -105,7 +105,7 @@ def wrong_count_error(shapes: Shapes, count: int, subject: str) -> SoterError:
 def wrong_structure_error(
     subject: str, shapes: Shapes, answer: object, error: ValueShapeError
 ) -> SoterError:
-    """The SoterError U001 that a user's function answered other names or counts than `shapes`."""
+    """The SoterError U001 for a user's function that answers names or counts unlike `shapes`."""
     names = [n for n, _ in shapes]
     keys = answer if isinstance(answer, Mapping) else ()
     near = [h for key in keys if key not in names for h in did_you_mean(str(key), names)]
@@ -123,7 +123,7 @@ def _leaf_value(t: Type, number: float) -> Value:
 
 
 def _discrete_value(t: Type, number: float) -> object:
-    """The int, bool or enum with that number, for `from_python`; else the number unchanged."""
+    """The int, bool or enum member with that number; the number itself if no value has it."""
     if not math.isfinite(number) or number != int(number):
         return number
     if isinstance(t, EnumType):
@@ -174,10 +174,10 @@ def _joint_discrete_space(each: list[spaces.Discrete[Any]]) -> spaces.Space[Any]
 
 
 def action_space(topics: Sequence[Topic]) -> spaces.Space[Any]:
-    """The space of all that an agent may publish: a `Box` of floats, a `Discrete` of the rest.
+    """The space of all values that an agent may publish: a `Box` for floats, else a `Discrete`.
 
-    Several ints, bools and enums make a `MultiDiscrete`. SoterError U001 for a mixture, for floats
-    without a set, and where no float32 lies in a set.
+    Several ints, bools and enums make a `MultiDiscrete`. Raises SoterError U001 for a mixture, for
+    floats without a set, and for a set that contains no float32.
     """
     bounds = [b for t in topics for b in t.bounds]
     kinds = [k for t in topics for _, k in leaves(t.type)]
@@ -194,7 +194,7 @@ def action_space(topics: Sequence[Topic]) -> spaces.Space[Any]:
 
 
 def _box_space(bounds: Sequence[Bound], names: str) -> spaces.Box:
-    """A box of the float32 numbers in all bounds; SoterError U001 with `names` where none is."""
+    """A box of the float32 numbers in all bounds; raises SoterError U001 if a set has none."""
     low, high = np.array([b.low for b in bounds]), np.array([b.high for b in bounds])
     least, most = _rounded_inward(low, high), _rounded_inward(high, low)
     if (least < low).any() or (most > high).any() or (least > most).any():
@@ -203,7 +203,7 @@ def _box_space(bounds: Sequence[Bound], names: str) -> spaces.Box:
 
 
 def require_no_batch(space: spaces.Space[Any], action: Any) -> None:  # noqa: ANN401 - any action
-    """Raises SoterError U001 for an action with two axes or more, and more than `space` has."""
+    """Raises SoterError U001 for an action with several axes, if `space` has fewer axes."""
     axes = array_of_doubles(action, "an action").ndim
     if axes > 1 and axes > len(space.shape or ()):
         expected = f"those of the space {space.shape}"
@@ -246,10 +246,10 @@ def _rounded_inward(
 
 
 def action_maker(space: spaces.Space[Any], count: int) -> Callable[[npt.NDArray[np.float64]], Any]:
-    """The function that makes an action in an environment's space from an array (count,).
+    """The function that makes an action of an environment's space from an array (count,).
 
-    SoterError U001 for a space without a default, or one with another number of numbers; the
-    function raises it for a fraction where whole numbers are wanted.
+    Raises SoterError U001 for a space without a default, or with another count of numbers. The
+    function raises it for a fraction if the space has whole numbers only.
     """
     if isinstance(space, spaces.Discrete):
         _require_size(space, 1, count)
@@ -273,7 +273,7 @@ def action_maker(space: spaces.Space[Any], count: int) -> Callable[[npt.NDArray[
 
 
 def action_from_numbers(space: spaces.Space[Any], numbers: npt.NDArray[np.float64]) -> Any:  # noqa: ANN401
-    """The action in an environment's space from numbers (n,); SoterError U001 as `action_maker`."""
+    """The action of an environment's space made from numbers (n,); raises as `action_maker`."""
     return action_maker(space, len(numbers))(numbers)
 
 
@@ -286,7 +286,7 @@ def _require_size(space: spaces.Space[Any], wanted: int, count: int) -> None:
 def _require_whole(
     space: spaces.Space[Any], numbers: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Gives the same numbers (n,); raises SoterError U001 where one of them is not whole."""
+    """Gives the same numbers (n,); raises SoterError U001 if any of them is not whole."""
     if not (np.isfinite(numbers).all() and (np.floor(numbers) == numbers).all()):
         first = next(x for x in numbers.tolist() if not math.isfinite(x) or x != int(x))
         raise wrong_choice(
@@ -297,7 +297,7 @@ def _require_whole(
 
 
 def _require_member(space: spaces.Space[Any], action: Any) -> Any:  # noqa: ANN401 - an int or an array
-    """Gives the same action; raises SoterError U001 where the space does not contain it."""
+    """Gives the same action; raises SoterError U001 if the space does not contain it."""
     if not space.contains(action):
         raise wrong_choice(
             f"{action} is no action of the environment's `{space}`", "give command=..."

@@ -57,7 +57,7 @@ _LOCK = threading.RLock()
 
 
 class MemoryLeaf(NamedTuple):
-    """The place of a number in memory, its `soter_leaf_kind`, and the range of an int or enum."""
+    """The offset of a number in memory, its `soter_leaf_kind`, and the range of an int or enum."""
 
     offset: int
     kind: int
@@ -66,7 +66,7 @@ class MemoryLeaf(NamedTuple):
 
 
 def memory_leaves(t: Type, offset: int) -> Iterator[MemoryLeaf]:
-    """The leaves of a value of this type that lies at `offset`, in declared order."""
+    """The leaves of a value of type `t` at `offset`, in declared order."""
     return (_memory_leaf(leaf, at) for _, leaf, at in placed_leaves(t, offset))
 
 
@@ -84,7 +84,7 @@ def _memory_leaf(t: Type, offset: int) -> MemoryLeaf:
 
 
 class LeafBuffer:
-    """An array of leaves as `soter_leaves` of C, which Python keeps alive."""
+    """An array of leaves in C memory, as `soter_leaves` needs it; this object keeps it alive."""
 
     def __init__(self, ffi: Any, leaves: Sequence[MemoryLeaf], size: int = 0) -> None:  # noqa: ANN401 - cffi
         self.count = len(leaves)
@@ -94,7 +94,7 @@ class LeafBuffer:
 
 @dataclass(frozen=True)
 class Roles:
-    """The indices of the agent, the module whose AC it is, and a plant that the caller moves."""
+    """The indices of the agent, its module, and the plant that the caller moves, if it has one."""
 
     agent: int
     module: int | None = None
@@ -102,7 +102,7 @@ class Roles:
 
 
 class CompiledEnvironment:
-    """A compiled system, the parts that a caller answers for, and `soter_view` of both."""
+    """A compiled system with the parts that a caller answers for, and the `soter_view` of C."""
 
     def __init__(
         self,
@@ -112,10 +112,10 @@ class CompiledEnvironment:
         observed: Sequence[ObservedPart] = (),
         notes: Sequence[str] = (),
     ) -> None:
-        """`observed`: the parts of an observation. SoterError as `bind` and the compiler.
+        """`observed`: the parts of an observation. Raises SoterError as `bind` and the compiler do.
 
         `bound` answers the other externs; the agent and plant of `roles` are never called. `notes`:
-        what was said as `ttf` and `safer` were computed.
+        remarks from the computation of `ttf` and `safer`.
         """
         self.system, self.roles, self.notes = system, roles, tuple(notes)
         outside = [i for i in (roles.agent, roles.plant) if i is not None]
@@ -167,7 +167,7 @@ class CompiledEnvironment:
         )
 
     def _leaf_buffers(self, agent: Component, plant: Component | None) -> dict[str, LeafBuffer]:
-        """The leaves that each array of numbers stands for, by the array's name in the driver."""
+        """The leaves of each array of numbers, by the name that the array has in the C driver."""
         sizes = {i: x.size for i, x in self.answers.items()}
         action, answer = self._answer_leaves(agent) if self.acts_numbers else ([], [])
         moved: list[MemoryLeaf] = []
@@ -213,7 +213,7 @@ class CompiledEnvironment:
 
     @property
     def driver_bytes(self) -> int:
-        """How many bytes of memory the driver needs for its own work."""
+        """The bytes of scratch memory that the driver needs."""
         return self.layout.size + self.largest_answer_bytes
 
     def topic_leaves(self, index: int) -> list[MemoryLeaf]:
@@ -231,7 +231,7 @@ class CompiledEnvironment:
         return [v.type for v in plant.plant.states]
 
     def _applied_topics(self) -> Sequence[int]:
-        """The topics that the caller's plant reads; without one, those that the agent publishes."""
+        """The topics that the caller's plant reads; without a plant, those the agent publishes."""
         if self.roles.plant is not None:
             plant = self.system.components[self.roles.plant]
             assert plant.plant is not None
@@ -249,7 +249,7 @@ class CompiledEnvironment:
 
 
 def _require_no_kept_state(unit: Unit) -> None:
-    """Raises SoterError X008 for C that may keep something that no reset begins anew."""
+    """Raises SoterError X008 for linked C code that may keep a state that a reset cannot clear."""
     why = why_it_keeps_state(unit)
     if why:
         message = f"an environment cannot have C that may keep something: {why}"
@@ -264,7 +264,7 @@ def _require_no_kept_state(unit: Unit) -> None:
 
 
 def built_library(unit: Unit) -> Path:
-    """Builds the library of a unit with the C files of `ENGINE`, for this machine alone."""
+    """Builds the library of a unit, including the C files of `ENGINE`, for this machine only."""
     return library(unit, OPTIMISE, (*FAST, *vector_flags()), ENGINE)
 
 
@@ -278,29 +278,29 @@ def loaded_driver(path: Path, prefix: str) -> tuple[Any, Any, Any]:
 def bindings_inside(
     system: System, outside: Sequence[int], bound: Mapping[str, object]
 ) -> dict[str, object]:
-    """The bindings `bound`, but `refuse_call` for externs `outside`, whose files are not read."""
+    """The bindings `bound`, and `refuse_call` for externs in `outside`, whose files stay unread."""
     externs = [x for x in (system.components[i] for i in outside) if x.extern]
     return {**bound, **{x.name: refuse_call for x in externs}}
 
 
 def remove_idle_check(module: Module) -> None:
-    """Removes in place a flight check of a module forced to AC whose `margin` nobody reads."""
+    """Replaces in place the flight check of a module forced to AC if nobody reads its `margin`."""
     if module.forced == "ac" and module.symbol.rest is not None and module.looked is None:
         ttf, safer = (Literal(BOOL, module.symbol.span, x) for x in (False, True))
         module.symbol = replace(module.symbol, ttf=ttf, safer=safer)
 
 
 def refuse_call(*_: object) -> None:
-    """Takes the place of an extern that the caller answers for; it is never called."""
+    """Stands for an extern that the caller answers for; it must never be called."""
     raise AssertionError("an environment answers for its plant and its agent itself")
 
 
 def kept_build(
     program: soter.api.Program, key: tuple[object, ...], make: Callable[[], CompiledEnvironment]
 ) -> CompiledEnvironment:
-    """The result of `make`, kept for this program and key while its bindings stay as they were.
+    """Gives the result of `make`, cached for the program and key until its bindings change.
 
-    C files of externs are compared again. Python objects that are bound do not matter: `make` gets
+    Changed C files of externs cause a new build. Bound Python objects do not matter: `make` gets
     those of the first call, and nobody calls them there.
     """
     texts = [(n, t if isinstance(t, str) else None) for n, t in program.bound.items()]
@@ -319,7 +319,7 @@ def kept_result(
     *,
     again: bool = False,
 ) -> T:
-    """The result of `make`, kept for this key and every program of the same path and content."""
+    """Gives the result of `make`, cached for the key and all programs of equal path and content."""
     full_key = (Path(program.path).resolve(), program.sha256, key)
     with _LOCK:
         entry: T = _KEPT.get_or_make(full_key, make, again=again)

@@ -31,31 +31,31 @@ INFO_KEYS = (
 
 
 def is_flat(types: Iterable[Type]) -> bool:
-    """Whether values of these types have a fixed number of numbers, which a list has not."""
+    """Whether values of these types have a fixed count of numbers, as they contain no list."""
     return not any(has_list(t) for t in types)
 
 
 @dataclass(frozen=True)
 class ObservedPart:
-    """A part of an observation: the topic of this index, or the true states of this plant."""
+    """A part of an observation: the topic at `index`, or with `truth` the states of that plant."""
 
     index: int
     truth: bool = False
 
 
 def wrong_choice(message: str, *helps: str) -> SoterError:
-    """The SoterError U001 for a wrong argument of the caller's."""
+    """The SoterError U001 for a wrong argument from the caller."""
     return SoterError((Diagnostic("U001", message, helps=tuple(h for h in helps if h)),))
 
 
 def chosen_module(system: System, name: str | None) -> Module:
-    """The module of that name, by default the only one; raises SoterError U001."""
+    """The module called `name`, by default the only one; raises SoterError U001 if none fits."""
     names = [m.name for m in system.modules]
     return system.modules[_chosen_index("module", names, name, system.name)]
 
 
 def chosen_plant(system: System, name: str | None) -> Component:
-    """The plant of that name, by default the only one; raises SoterError U001."""
+    """The plant called `name`, by default the only one; raises SoterError U001 if none fits."""
     plants = [c for c in system.components if c.plant is not None]
     return plants[_chosen_index("plant", [c.name for c in plants], name, system.name)]
 
@@ -75,9 +75,9 @@ def _chosen_index(kind: str, names: list[str], wanted: str | None, system: str) 
 def observed_parts(
     system: System, agent: Component, names: Sequence[str] | None
 ) -> list[ObservedPart]:
-    """The topics and true states that `names` names; by default the agent's topics, or all states.
+    """The topics and true states called `names`; by default the agent's topics, or all states.
 
-    SoterError U001 where there is none.
+    Raises SoterError U001 if the result would be empty.
     """
     plants = [c for c in system.components if c.plant is not None]
     if names is None:
@@ -121,7 +121,7 @@ def _observed_types(system: System, seen: ObservedPart) -> list[Type]:
 
 
 def require_no_shared_extern(system: System, agent: int) -> None:
-    """Raises SoterError U003 for an extern, not the agent's, which all worlds would share."""
+    """Raises SoterError U003 if any component but the agent is extern, since worlds share it."""
     for c in system.components:
         if c.extern and c.index != agent:
             kind = "node" if c.node is not None else "plant"
@@ -142,7 +142,7 @@ def require_no_shared_extern(system: System, agent: int) -> None:
 def system_with_errors(system: System, plant: Component, errors: bool | Sequence[str]) -> System:
     """The system with a plant's measurement errors only on the topics `errors` (True: on all).
 
-    An environment's own sensors already have errors. SoterError U001 for a topic without errors.
+    An environment's sensors already have errors. Raises SoterError U001 for a topic without errors.
     """
     if errors is True:
         return system
@@ -158,7 +158,7 @@ def system_with_errors(system: System, plant: Component, errors: bool | Sequence
 
 
 def ordered_info_keys(keys: Collection[str]) -> tuple[str, ...]:
-    """The `keys` in the order of `INFO_KEYS`; raises SoterError U001 for an unknown one."""
+    """The `keys` in the order of `INFO_KEYS`; raises SoterError U001 for an unknown key."""
     wanted = {keys} if isinstance(keys, str) else set(keys)
     if unknown := sorted(map(str, wanted.difference(INFO_KEYS))):
         names = ", ".join(f"`{name}`" for name in unknown)

@@ -68,7 +68,7 @@ NOT_COPIED = (
 
 
 class EnvironmentGuard:
-    """Steps one environment behind one module for one agent; parameters as of `Protected`."""
+    """Steps one environment behind one module for one agent; has the parameters of `Protected`."""
 
     def __init__(
         self,
@@ -125,7 +125,7 @@ class EnvironmentGuard:
         self._has_masks = isinstance(self.action_space, spaces.Discrete)
 
     def _compile_choices(self, space: spaces.Space[Any]) -> None:
-        """Compiles the chosen system and prepares arrays; `space` has the env's actions."""
+        """Compiles the chosen system and prepares arrays; `space` is the space of env's actions."""
         self._env_action_space = space
         made = one_world_environment(self.program, *self.choice)
         session = self.session = Session(made, self.program.bound)
@@ -148,7 +148,7 @@ class EnvironmentGuard:
             self._make_next_command = self._command_source(space)
 
     def _command_source(self, space: spaces.Space[Any]) -> Callable[[], Any]:
-        """The function that makes the environment's next action; SoterError U001."""
+        """The function that makes the environment's next action; raises SoterError U001."""
         session = self.session
         next_command = array_mapping.action_maker(space, len(session.command))
         if isinstance(space, spaces.Box) and space.shape == session.command.shape:
@@ -160,7 +160,7 @@ class EnvironmentGuard:
         return partial(next_command, session.command)
 
     def _judging_model(self, made: CompiledEnvironment) -> SessionPlant | None:
-        """The model that judges the environment's steps, or None; SoterError U001."""
+        """The model that judges the environment's steps, or None; raises SoterError U001."""
         system, _, plant, params, _ = self.choice
         model = None
         if self._alarm is not False and made.moves_numbers:
@@ -181,7 +181,7 @@ class EnvironmentGuard:
     def reset(
         self, env: gymnasium.Env[Any, Any], seed: int | None, options: dict[str, Any] | None
     ) -> tuple[Any, dict[str, Any]]:
-        """Starts an episode; every draw of the program follows from the seed. SoterError U001."""
+        """Starts an episode, whose draws all follow from the seed; raises SoterError U001."""
         if seed is not None or self._seed_generator is None:
             self._seed_generator, _ = seeding.np_random(seed)
         observation, env_info = env.reset(seed=seed, options=options)
@@ -214,12 +214,12 @@ class EnvironmentGuard:
         env: gymnasium.Env[Any, Any],
         action: Any,  # noqa: ANN401 - any action
     ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Answers for the agent, and steps `env` whenever the plant is due until the agent is.
+        """Answers for the agent, then steps `env` until the agent has to answer again.
 
-        Two things make it faster. C reads the arrays of the agent and of `env` in place
-        (`act_directly`, `move_directly`), if it can; other values go through Python. And if C finds
-        that a step differs from the last one only in the margin, the last `info` is copied.
-        SoterError U001 where no episode has begun or it is over, or where numbers do not fit.
+        C reads the arrays of the agent and of `env` in place, if it can (`act_directly` and
+        `move_directly`); other values go through Python. If a step differs from the last step only
+        in the margin, the last `info` is copied. Raises SoterError U001 before the first episode,
+        after the end of an episode, and for numbers that do not fit.
         """
         if self._episode_is_over:
             begun = self._last_observation is not None
@@ -265,7 +265,7 @@ class EnvironmentGuard:
         return self._last_observation, reward, ended, cut, self._wanted_info(info, env_info)
 
     def _remember_step(self, info: dict[str, Any]) -> None:
-        """Keeps what C compares the next step with; warns of the first step off the model."""
+        """Stores facts for C to compare the next step with; warns of the first unexplained step."""
         session = self.session
         self._violations_before = info["violations"]
         if info["off_model"] and not self._has_warned_off_model:
@@ -278,7 +278,7 @@ class EnvironmentGuard:
     # ------------------------------------------------------------ the agent's answer
 
     def _give_action(self, action: Any) -> int:  # noqa: ANN401 - any action
-        """Gives the agent's action to the module; returns the component that is due then."""
+        """Gives the agent's action to the module; returns the index of the next due component."""
         session = self.session
         if self._act is None and getattr(action, "shape", ()) != session.action.shape:
             array_mapping.require_no_batch(self.action_space, action)
@@ -291,7 +291,7 @@ class EnvironmentGuard:
         return session.act_with_numbers()
 
     def _action_values(self, action: Any) -> list[Value | None] | None:  # noqa: ANN401 - any action
-        """The values of the agent's topics for an action; None where it is no value of them."""
+        """The values of the agent's topics for an action; None if the topics cannot have them."""
         try:
             if self._act is None:
                 return list(array_mapping.assemble_values(self._output_types, action, "an action"))
@@ -308,7 +308,7 @@ class EnvironmentGuard:
     # ------------------------------------------------------------ the environment's
 
     def _give_observation(self, observation: Any) -> int:  # noqa: ANN401 - any observation
-        """Gives an observation to the module; returns the component that is due then."""
+        """Gives an observation to the module; returns the index of the next due component."""
         session = self.session
         if not self._observations_are_numbers:
             states = self._state_values = self._plant_states(observation)
@@ -333,7 +333,7 @@ class EnvironmentGuard:
         return [n for (n, _), value in named if not array_mapping.is_finite(value)]
 
     def _note_judged_step(self, observation: Any, due: int) -> None:  # noqa: ANN401 - any observation
-        """Calls `after_judged_step`, if any; SoterError U001 if the observation was no state."""
+        """Calls `after_judged_step` if it is set; raises SoterError U001 if `due` is NO_STATES."""
         if due == NO_STATES:
             raise self._no_states_error(observation)
         if self.after_judged_step is not None and self.plant_model is not None:
@@ -417,21 +417,21 @@ class EnvironmentGuard:
         return info
 
     def _wanted_info(self, info: dict[str, Any], env: dict[str, Any]) -> dict[str, Any]:
-        """The keys of `info` that the caller wants, and all that the environment gave in `env`."""
+        """The keys of `info` that the caller wants, and all keys of the environment's `env`."""
         keys = self._info_keys
         if keys is None:
             return info
         return {**env, **{key: info[key] for key in keys if key in info}}
 
     def _repeatable_info(self, violations: int) -> dict[str, Any]:
-        """The `info` of a step that changes only the margin; C is told what to compare with it."""
+        """The `info` for later steps that differ only in the margin; tells C what to compare."""
         outside = self.session.outside
         self.session.compiled.lib.soter_outside_tell(outside)
         known = self._info_by_flags[outside.flags]
         return {**known, "violations": violations, "cost": 0.0}
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """Whether AC in control would publish each `Discrete` action unmoved, (n,); U001."""
+        """Whether AC in control would publish each `Discrete` action unchanged, (n,); or U001."""
         space = self.action_space
         if not isinstance(space, spaces.Discrete):
             raise wrong_choice("only a `Discrete` action space has a mask", f"it is {space}")
@@ -443,7 +443,7 @@ class EnvironmentGuard:
     # ------------------------------------------------------------ copies
 
     def __getstate__(self) -> dict[str, Any]:
-        """Gives all attributes but the compiled program, which `__setstate__` loads again."""
+        """Gives all attributes except the compiled program, which `__setstate__` loads again."""
         if not self.session.is_compiled:
             raise wrong_choice(
                 "an environment with externs in Python has no copy",
@@ -472,7 +472,7 @@ class EnvironmentGuard:
         self.session.restore_state(saved)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> EnvironmentGuard:
-        """A guard of the same program with a state of its own."""
+        """Gives a guard of the same program with a separate copy of the state."""
         state = self.__getstate__()
         del state["_named"]
         made = EnvironmentGuard.__new__(EnvironmentGuard)

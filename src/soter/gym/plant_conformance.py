@@ -31,16 +31,16 @@ NEAR_TURN = 0.02
 
 @dataclass(frozen=True)
 class Conformance:
-    """The comparison of `steps` of an environment with the program's plant.
+    """The comparison of `steps` steps of an environment with the program's plant.
 
-    `inside`: how many steps disturbances within their bounds explain. By state: `residual`: the
-    largest difference that the best disturbances leave; `undisturbed`: the largest difference from
-    the plant with every disturbance at its middle; `wrapped`: how many steps that are not inside
-    are near a whole number of turns (2 pi) off the undisturbed plant, as after an angle wrapped.
-    `used`: by disturbance, the largest part of its bounds that a step needed (1: a bound).
-    `worst`: the step with the largest residual, relative to what is tolerated. `not_observed`:
-    states that `observe` never gave, so that nothing was compared. `ac_share`: the share of the
-    agent's steps in which AC had control; only in these it explored.
+    `inside`: number of steps that disturbances within their bounds explain. `used`: by disturbance,
+    the largest part of its bounds that a step needed (1: a bound). `worst`: the step with the
+    largest residual, relative to its tolerance. `not_observed`: states that `observe` never gave,
+    which were not compared. `ac_share`: the share of the agent's steps in which AC had control.
+
+    By state: `residual`: the largest difference that the best disturbances leave. `undisturbed`:
+    the largest difference from the plant with all disturbances at their middles. `wrapped`: number
+    of unexplained steps that differ by about a multiple of 2 pi, as if an angle had wrapped.
     """
 
     steps: int
@@ -55,7 +55,7 @@ class Conformance:
 
     @property
     def share(self) -> float:
-        """The share of the steps that are inside."""
+        """The share of the steps that disturbances within their bounds explain."""
         return self.inside / self.steps
 
     def __str__(self) -> str:
@@ -80,7 +80,7 @@ class Conformance:
 
 
 class _Tally:
-    """Sums up the model's judgements of all steps."""
+    """Sums up the judgements of the model over all steps."""
 
     def __init__(self, session_plant: SessionPlant) -> None:
         model = session_plant.model
@@ -94,7 +94,7 @@ class _Tally:
         self.observed = np.zeros(len(model.names), dtype=bool)
 
     def count_step(self, session_plant: SessionPlant, session: Session) -> None:
-        """Counts a step, which ended at the numbers that `session` was given."""
+        """Counts a judged step, which ended at the numbers `session.moved`."""
         left = np.abs(session_plant.residual)
         self.steps += 1
         self.observed |= session_plant.observed
@@ -119,7 +119,7 @@ class _Tally:
 
 
 def _are_near_turns(off: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-    """Whether differences (n,), in rad, lie near a whole number of turns other than 0."""
+    """Whether each difference (n,), in rad, is near a multiple of a full turn other than 0."""
     turns = np.where(np.isfinite(off), off, 0.0) / (2.0 * np.pi)
     whole = np.round(turns)
     near: npt.NDArray[np.bool_] = (whole != 0.0) & (np.abs(turns - whole) <= NEAR_TURN)
@@ -133,12 +133,12 @@ def conformance(
     seed: int = 0,
     policy: Callable[[Any], Any] | None = None,
 ) -> Conformance:
-    """Drives `env` for `n` or a few more steps of its plant; compares each with the program's.
+    """Drives `env` for at least `n` steps of its plant, and compares each with the program's plant.
 
-    `policy` gives the action for an observation; without it, actions are drawn from the action
-    space. A step is inside if disturbances within their bounds bring the program's plant within
-    `tolerance` of `env` to it. `SafetyWarning` where AC had control in no step. SoterError U001
-    where there is no model of the program's plant.
+    `policy` gives the action for an observation; by default actions are drawn from the action
+    space. A step is inside if disturbances within their bounds bring the program's plant to it,
+    within the `tolerance` of `env`. Warns (SafetyWarning) if AC had control in no step. Raises
+    SoterError U001 if the program's plant has no model.
     """
     if n < 1:
         raise wrong_choice(f"there cannot be {n} steps", "n is 1 or more")

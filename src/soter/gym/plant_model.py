@@ -41,7 +41,7 @@ DOUBLE = 1e-12
 
 
 class PlantModel:
-    """A plant of a system, compiled alone, of which `why_no_model` gives None."""
+    """A compiled model of a single plant of a system."""
 
     def __init__(self, system: System, plant: Component) -> None:
         assert plant.plant is not None
@@ -64,7 +64,7 @@ class PlantModel:
 
 
 def why_no_model(plant: Component) -> str | None:
-    """The reason why no `PlantModel` can be made of a plant, in words; None if one can be made."""
+    """The reason, in words, why no `PlantModel` can be made of a plant; None if one can be made."""
     assert plant.plant is not None
     if plant.plant.extern:
         return f"plant `{plant.name}` is extern in the program"
@@ -79,7 +79,7 @@ def make_plant_model(
     plant: str | None,
     params: Mapping[str, object] | None,
 ) -> PlantModel | None:
-    """Makes the model of a program's plant, once; None where `why_no_model` has a reason."""
+    """Makes the model of a program's plant, once; None if `why_no_model` gives a reason."""
 
     def make_model() -> PlantModel | str:
         flat = program.declared(system, params)
@@ -93,12 +93,12 @@ def make_plant_model(
 
 
 class SessionPlant:
-    """A `PlantModel` with memory of its own, which explains the steps of one session."""
+    """A `PlantModel` with separate memory, which explains the steps of one session."""
 
     def __init__(
         self, model: PlantModel, made: CompiledEnvironment, tolerance: Array, relative: float
     ) -> None:
-        """`tolerance`: the absolute one of each state, (states,), infinite where not compared."""
+        """`tolerance`: the absolute tolerance of each state (states,); infinite if not compared."""
         self.model = model
         states, drawn = len(model.names), len(model.drawn)
         self.state = np.zeros(-(-model.layout.size // 8), dtype=np.int64)
@@ -145,7 +145,7 @@ def tolerances(
 ) -> tuple[Array, float]:
     """The absolute tolerance of each state, (states,), and the relative one for dtype `observed`.
 
-    Tolerances that the user gives as `absolute` make the relative one 0. SoterError U001.
+    If the user sets `absolute`, the relative tolerance is 0. Raises SoterError U001.
     """
     absolute_tolerances = np.full(len(model.names), ABSOLUTE)
     named = absolute if isinstance(absolute, Mapping) else dict.fromkeys(model.names, absolute)
@@ -164,7 +164,7 @@ def tolerances(
 
 
 def _plant_alone(system: System, plant: Component) -> System:
-    """The plant without errors and faults, its disturbances as states that keep their value."""
+    """The plant without errors and faults; its disturbances become states with fixed values."""
     symbol = plant.plant
     assert symbol is not None
     drawn = tuple(d.variable for d in plant.disturbances)

@@ -36,25 +36,24 @@ if TYPE_CHECKING:
 
 
 class Protected(gymnasium.Env[Any, Any]):
-    """`env` with a program's module between it and the agent.
+    """An environment of Gymnasium with a program's module between `env` and the agent.
 
-    `program`: a path or a loaded `soter.Program`. `system`: the one to take, by default the
-    program's default. Its `plant` becomes `env`, the advanced controller of its `module` the
-    agent; either may be left out where there is only one. `params`: as of `simulate`.
+    `program`: a path or a loaded `soter.Program`. `system`: by default the program's default
+    system. `env` replaces the `plant` of the system, and the agent replaces the advanced controller
+    of `module`; both names may be omitted if only one exists. `params`: as in `simulate`.
 
-    `observe(observation)`: the plant's states, as an extern plant answers them (a mapping by
-    name); by default the numbers of the observation in declared order. `act(action)`: the
-    controller's outputs, as an extern node answers them (None: publishes nothing); by default
-    the numbers of the action. `command(**topics)`: the action for `env` from what the plant
-    reads, by keyword of the topic's last name, as externs receive it; by default its numbers.
-    `action_space`: by default the value sets of the controller's outputs.
+    `observe(observation)`: the plant's states, as an extern plant answers them (a mapping by name);
+    by default the numbers of the observation in declared order. `act(action)`: the controller's
+    outputs, as an extern node answers them (None: publishes nothing); by default the numbers of the
+    action. `command(**topics)`: the action for `env`; the keywords are the last names of the topics
+    that the plant reads; by default the topics' numbers. `action_space`: by default the value sets
+    of the controller's outputs.
 
-    `measured`: whether the program's errors of measurement are added to what `env` shows, or the
-    names of topics on which they are; by default none is, as a sensor has errors of its own.
-    `truncate_on_violation`: whether an episode ends with a violation. `info_keys`: which keys of
-    the module `info` has, by default all; in vectors of processes each costs time.
+    `measured`: whether to add the program's measurement errors to the observations, or the names of
+    the topics that get errors; by default none. `truncate_on_violation`: whether a violation ends
+    an episode. `info_keys`: the keys that `info` has, by default all; each costs time.
 
-    `info`: docs/gym.md. SoterError U001 for a wrong choice, and whatever the program raises.
+    `info`: docs/gym.md. Raises SoterError U001 for a wrong choice, and the program's errors.
     """
 
     def __init__(
@@ -78,20 +77,20 @@ class Protected(gymnasium.Env[Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Starts an episode; every draw of the program follows from the seed."""
+        """Starts an episode, in which every draw of the program follows from the seed."""
         super().reset(seed=seed)
         return self.guard.reset(self.env, seed, options)
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:  # noqa: ANN401
-        """Answers for the agent, and steps `env` whenever the plant is due until the agent is."""
+        """Answers for the agent, then steps `env` until the agent has to answer again."""
         return self.guard.step(self.env, action)
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """Whether AC would publish each action of a `Discrete` space unmoved now, (n,)."""
+        """Whether AC would now publish each action of a `Discrete` space unchanged, (n,)."""
         return self.guard.action_masks()
 
     def render(self) -> Any:  # noqa: ANN401 - whatever the environment renders
-        """Gives what the environment renders."""
+        """Gives the result of the environment's `render`."""
         return self.env.render()
 
     def close(self) -> None:
@@ -100,11 +99,11 @@ class Protected(gymnasium.Env[Any, Any]):
 
 
 class SafetyWrapper(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """`Protected` as a wrapper of Gymnasium's, with `env` first and the same `options`.
+    """`Protected` as a wrapper of Gymnasium, with `env` first and the same `options`.
 
-    It may stand anywhere among wrappers; `unwrapped`, `get_wrapper_attr`, `spec` and copies work as
-    in any wrapper. It sees what the wrappers inside it show: put those that change observations
-    (normalise, stack) around it, not inside.
+    The wrapper may stand anywhere among wrappers; `unwrapped`, `get_wrapper_attr`, `spec` and
+    copies work as in any wrapper. It sees what the wrappers inside it show, so put wrappers that
+    change observations (normalise, stack) around it.
     """
 
     def __init__(
@@ -121,15 +120,15 @@ class SafetyWrapper(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Starts an episode; every draw of the program follows from the seed."""
+        """Starts an episode, in which every draw of the program follows from the seed."""
         return self.guard.reset(self.env, seed, options)
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:  # noqa: ANN401
-        """Answers for the agent, and steps `env` whenever the plant is due until the agent is."""
+        """Answers for the agent, then steps `env` until the agent has to answer again."""
         return self.guard.step(self.env, action)
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """Whether AC would publish each action of a `Discrete` space unmoved now, (n,)."""
+        """Whether AC would now publish each action of a `Discrete` space unchanged, (n,)."""
         return self.guard.action_masks()
 
 
@@ -158,8 +157,8 @@ def make_sb3_vec(
     """Gives `ProtectedVector(program, num_envs, **options)` for Stable-Baselines3.
 
     `info_keys`: the keys of `info` that each world gets; each costs time. Numbers are float32.
-    ImportError without stable-baselines3; SoterError as of `ProtectedVector`, and U001 for an
-    unknown key.
+    Raises ImportError if stable-baselines3 is missing, SoterError U001 for an unknown key, and the
+    errors of `ProtectedVector`.
     """
     if "autoreset" in options:
         raise wrong_choice("Stable-Baselines3 begins an episode with the step that ends one")
@@ -212,7 +211,7 @@ class _Worlds:
         self._actions = actions
 
     def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
-        """Steps every world; one that ended has begun again, and its `info` has the last view."""
+        """Steps every world; a world whose episode ends begins the next one at once."""
         seen, rewards, ended, cut, info = self.worlds.step(self._actions)
         over = ended | cut
         infos = self._info_by_world(info)
@@ -223,14 +222,14 @@ class _Worlds:
         return seen, rewards.astype(np.float32), over, infos
 
     def close(self) -> None:
-        """Does nothing: no world has anything open."""
+        """Does nothing, as the worlds hold no open files or windows."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:  # noqa: ANN401 - theirs
-        """Gives an attribute of the worlds, the same for each of them."""
+        """Gives an attribute once for each chosen world; all worlds have the same value."""
         return [getattr(self.worlds, attr_name)] * len(self._chosen_worlds(indices))
 
     def set_attr(self, attr_name: str, *_: Any, **__: Any) -> None:  # noqa: ANN401
-        """Raises SoterError U001, as no world is an object of its own."""
+        """Raises SoterError U001, as the worlds are not separate objects."""
         raise wrong_choice(f"`{attr_name}` of one world cannot be set: they are stepped together")
 
     def env_method(
@@ -240,13 +239,13 @@ class _Worlds:
         indices: Any = None,  # noqa: ANN401
         **__: Any,  # noqa: ANN401
     ) -> list[Any]:
-        """Calls `action_masks`, (n,) a world; SoterError U001 for any other method."""
+        """Calls `action_masks`, (n,) for each world; raises SoterError U001 for another method."""
         if method_name == "action_masks":
             return list(self.worlds.action_masks()[self._chosen_worlds(indices)])
         raise wrong_choice(f"`{method_name}` of one world cannot be called: there is no object")
 
     def env_is_wrapped(self, _wrapper_class: Any, indices: Any = None) -> list[bool]:  # noqa: ANN401
-        """False for each world: none is wrapped."""
+        """Gives False for each world, as none is wrapped."""
         return [False] * len(self._chosen_worlds(indices))
 
     def _chosen_worlds(self, indices: Any) -> list[int]:  # noqa: ANN401 - None, a number or several
@@ -255,7 +254,7 @@ class _Worlds:
         return [indices] if isinstance(indices, int) else list(indices)
 
     def _info_by_world(self, info: dict[str, Any], which: Sequence[int] | None = None) -> list[Any]:
-        """The `info` of each world, with the chosen keys."""
+        """The `info` of each world in `which`, with the chosen keys."""
         worlds = range(self.num_envs) if which is None else which
         keys = [key for key in self._info_keys if key in info]
         columns = [info[key].tolist() for key in keys]

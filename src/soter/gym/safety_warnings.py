@@ -39,7 +39,7 @@ LEVEL = 4
 
 
 class SafetyWarning(UserWarning):
-    """A warning of a run about which a proof says nothing."""
+    """A warning about a run that a proof does not cover."""
 
 
 def warn_of_wrappers(env: gymnasium.Env[Any, Any]) -> None:
@@ -57,7 +57,7 @@ def warn_of_wrappers(env: gymnasium.Env[Any, Any]) -> None:
 
 
 def warn_of_no_control(made: CompiledEnvironment, stacklevel: int = LEVEL) -> None:
-    """Warns of a module whose `ttf` and `safer` could not be computed, with the reason."""
+    """Warns, with the reason, if `ttf` and `safer` of the module could not be computed."""
     assert made.roles.module is not None
     module = made.system.modules[made.roles.module]
     if module.forced is None and module.symbol.ttf is None and module.symbol.safer is None:
@@ -66,7 +66,7 @@ def warn_of_no_control(made: CompiledEnvironment, stacklevel: int = LEVEL) -> No
 
 
 def warn_of_sc_alone(steps: int) -> None:
-    """Warns of a measurement in which AC had control in none of the steps."""
+    """Warns that AC never had control, so that a measurement is about SC and not the agent."""
     warnings.warn(
         f"AC had control in none of its {steps:,} steps: what is measured is the safe controller "
         "in this environment, not the agent",
@@ -76,10 +76,10 @@ def warn_of_sc_alone(steps: int) -> None:
 
 
 def warn_of_narrow_space(space: spaces.Space[Any], reads: Sequence[Topic]) -> None:
-    """Warns where the environment's action space is smaller than what its plant's topics may hold.
+    """Warns if the environment's action space is smaller than the value sets of the plant's topics.
 
-    `reads`: the topics whose numbers are actions of `space`, in order. A topic without a set, and a
-    space that is no `Box` of as many numbers, are not compared.
+    `reads`: the topics whose numbers are actions of `space`, in order. It compares no topic without
+    a set, and no space other than a `Box` of the same size.
     """
     named = [(t.name, bound) for t in reads for bound in t.bounds]
     if not isinstance(space, spaces.Box) or space.low.size != len(named):
@@ -122,7 +122,7 @@ def warn_of_unseen(names: Sequence[str]) -> None:
 
 
 def warn_of_start(module: str) -> None:
-    """Warns of a start at which the decision module keeps the agent from control."""
+    """Warns of an episode that begins under control of SC, so that the agent has no control."""
     warnings.warn(
         f"the episode starts where `ttf` of module `{module}` holds: the proof "
         "vouches for it only if the safe controller's own set contains it",

@@ -32,7 +32,7 @@ from soter.gym.environment_choices import chosen_module, chosen_plant, system_wi
 from soter.language.elaborate.derived_systems import with_unbound_externs
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import numbers_in
-from soter.native.extern_bindings import bind_objects
+from soter.native.extern_bindings import bindings_with_objects
 from soter.native.loaded_program import RunStatus
 from soter.semantics.externs import reset_extern
 from soter.simulate.externs.callables import load_callables
@@ -87,11 +87,11 @@ _METHODS: dict[int, _Method] = {}
 
 
 def direct_calls(ffi: Any, lib: Any, outside: Any) -> tuple[Call, Call]:  # noqa: ANN401 - cffi
-    """The functions that answer for the agent and for the plant; they need `outside` alive.
+    """The two functions that answer for the agent and for the plant; they need `outside` alive.
 
-    Each takes an array with one axis, of float32 or float64, and gives the index of the due
-    component, or a negative number of `soter_gym.h`: NO_NUMBERS for anything else, which has no
-    effect.
+    Each takes an array with one axis, of float32 or float64. It gives the index of the due
+    component, or a negative number of `soter_gym.h`. For any other object it does nothing and gives
+    NO_NUMBERS.
     """
     if sys.implementation.name != "cpython":
         return refuse_array, refuse_array
@@ -109,12 +109,12 @@ def direct_calls(ffi: Any, lib: Any, outside: Any) -> tuple[Call, Call]:  # noqa
 
 
 def refuse_array(_: object) -> int:
-    """Answers NO_NUMBERS in place of C, where C cannot read arrays of Python."""
+    """Gives NO_NUMBERS, on a Python in which C cannot read arrays."""
     return NO_NUMBERS
 
 
 def _python_function(name: str, address: int, self_address: int) -> Call:
-    """Makes a Python function of the C at `address`; C gets the int `self_address` as `self`."""
+    """Makes a Python function of the C function at `address`, which gets `self_address` first."""
     method = _METHODS.get(address)
     if method is None:
         method = _METHODS[address] = _Method(name.encode(), address, ONE_ARGUMENT, None)
@@ -132,10 +132,10 @@ FAR_NS = 2**62
 
 
 class Session:
-    """One run: `reset`, then in turns `run_until_due` and an answer of the due component."""
+    """One run: call `reset`, then in turns `run_until_due` and the answer of the due component."""
 
     def __init__(self, made: CompiledEnvironment, bound: Mapping[str, object]) -> None:
-        """`bound` answers the externs but the agent and the plant; SoterError as `callables`."""
+        """`bound` answers the externs except agent and plant; raises errors as `callables` does."""
         roles = made.roles
         assert roles.module is not None
         assert roles.plant is not None
@@ -144,7 +144,7 @@ class Session:
         self.plant = self.system.components[roles.plant]
         self.agent = self.system.components[roles.agent]
         silent = {c.name: refuse_call for c in (self.plant, self.agent)}
-        bindings = bind_objects(made.bindings, {**bound, **silent})
+        bindings = bindings_with_objects(made.bindings, {**bound, **silent})
         self._bound = load_callables(bindings, "native", StopRequest())
         self.is_compiled = self._bound.keys() == silent.keys()
         """Whether no other extern is answered by Python."""
@@ -193,25 +193,25 @@ class Session:
         self.start_at_values(states)
 
     def start(self, seed: int) -> None:
-        """Starts a run, with the plant's states as the program has them."""
+        """Starts a run; the plant starts with the states that the program declares."""
         for name, extern in self._bound.items():
             reset_extern(name, extern, seed)
         self._reset_state(seed)
 
     def start_at_numbers(self) -> bool:
-        """Sets the plant's first states to `moved`; False if these are no values of the states."""
+        """Sets the plant's first states to `moved`; returns False if `moved` is no valid state."""
         return int(self._lib.soter_outside_place(self.outside)) == 0
 
     def run_until_due(self) -> int:
-        """Runs until the plant or the agent has to answer, and gives its index."""
+        """Runs until the plant or the agent has to answer, and gives the index of that one."""
         return self._run_past_externs(self._go(self.outside))
 
     def act_with_numbers(self) -> int:
-        """Answers for the agent with `action`, and runs until the next answer is due."""
+        """Answers for the agent with `action`; gives the index of the next due component."""
         return self._run_past_externs(self._lib.soter_outside_act(self.outside))
 
     def move_to_numbers(self) -> int:
-        """Answers for the plant with `moved`, and runs on; NO_STATES if these are no states."""
+        """Answers for the plant with `moved`; gives the next due index, or NO_STATES if invalid."""
         due: int = self._lib.soter_outside_move(self.outside)
         return due if due < 0 else self._run_past_externs(due)
 
@@ -222,18 +222,18 @@ class Session:
         return due
 
     def rounded_command(self) -> npt.NDArray[np.float32]:
-        """The array (n,) in which C, from now on, also writes `command` in single precision."""
+        """An array (n,) into which C, from now on, also writes `command`, in single precision."""
         self._rounded = np.zeros(len(self.command), dtype=np.float32)
         self.outside.single = self.compiled.ffi.cast("float *", self._rounded.ctypes.data)
         return self._rounded
 
     def attach_model(self, model: SessionPlant) -> None:
-        """Lets a model judge every `move_to_numbers`, and each `judge_move`."""
+        """Sets the model that judges each `move_to_numbers` and each `judge_move`."""
         self._model = model
         self.outside.model = model.pointer
 
     def judge_move(self) -> None:
-        """Lets the model judge a step of the plant, which is due, to the states `moved`."""
+        """Lets the model judge the step of the due plant to the states `moved`."""
         self._lib.soter_outside_judge(self.outside)
 
     def run_to_due_component(self) -> Component:
@@ -246,12 +246,12 @@ class Session:
             self._answers.answer_step(self.state, due)
 
     def move_to_values(self, states: Sequence[Value]) -> None:
-        """Answers for the plant with values of its states."""
+        """Answers for the plant with the values `states`."""
         names = [v.name for v in self.plant.plant.states]  # type: ignore[union-attr]
         self._give_answer(self.state, self.plant, dict(zip(names, states, strict=True)))
 
     def act_with_values(self, values: Sequence[Value | None] | None) -> None:
-        """Answers for the agent, None per unpublished output; `values=None` is a step fault."""
+        """Answers for the agent; a value None publishes nothing, `values=None` is a step fault."""
         facts, seen = self.facts, self.seen
         faults, seen.taken_by = int(facts["gate_faults"]), int(facts["mode"])
         self._give_agent_answer(self.state, values)
@@ -266,10 +266,10 @@ class Session:
         seen.steps += 1
 
     def would_publish(self, values: Sequence[Value | None] | None) -> bool:
-        """Whether the agent, which is due, would publish these values unmoved, were it in control.
+        """Whether the due agent, if it were in control, would publish these values unchanged.
 
-        A copy of the state answers as `act_with_values` does: neither gate nor shield may refuse or
-        move the values.
+        The answer is tried on a copy of the state. Neither the gate may refuse the values nor the
+        shield move them.
         """
         copy = self.state.copy()
         record = copy.view(self.compiled.dtype)[0]
@@ -321,7 +321,7 @@ class Session:
 
     @property
     def facts(self) -> Any:  # noqa: ANN401 - a NumPy record
-        """The module's record: mode, ttf, safer, stale, gate_faults, ..."""
+        """The module's record, with the fields mode, ttf, safer, stale, gate_faults and others."""
         return self.record["modules"][self.module.index]
 
     def plant_states(self) -> list[Value]:
@@ -342,9 +342,9 @@ class Session:
     def violation_count(self, *, over: bool = False) -> int:
         """Counts onsets of violated properties and latched components, this instant included.
 
-        Where the instant still waits for the agent, a copy of the state goes on to its end with
-        nothing published by externs. Linked C may have a memory of its own, which a copy would
-        disturb: then this instant is included only when the run is `over`.
+        While the instant waits for the agent, a copy of the state is run to the end of the instant,
+        and externs publish nothing. Linked C may have its own memory, which a copy would disturb;
+        then this instant counts only if the run is `over`.
         """
         if self.compiled.linked and not over:
             return int(self.record["header"]["violations"])
@@ -353,17 +353,17 @@ class Session:
     # ------------------------------------------------------------ copies
 
     def saved_state(self) -> tuple[bytes, bytes]:
-        """The state and the facts, which `restore_state` of a session of the same system takes."""
+        """The state and the facts, for `restore_state` of a session of the same system."""
         return self.state.tobytes(), bytes(self.seen_bytes)
 
     def restore_state(self, saved: tuple[bytes, bytes]) -> None:
-        """Sets the state and the facts to what `saved_state` gave."""
+        """Restores the state and the facts from a result of `saved_state`."""
         self.state[:] = np.frombuffer(saved[0], dtype=np.uint8)
         self.seen_bytes[:] = saved[1]
 
 
 def copy_numbers(answer: object, into: npt.NDArray[np.float64], subject: str) -> int | None:
-    """Copies numbers into `into` (n,), SoterError U001; gives their count where it is not n."""
+    """Copies numbers into `into` (n,); gives their count if it is not n, else None."""
     array = array_of_doubles(answer, subject)
     if array.shape != into.shape:
         if array.size != into.size:
@@ -381,7 +381,7 @@ def one_world_environment(
     params: Mapping[str, object] | None,
     measured: bool | Collection[str],
 ) -> CompiledEnvironment:
-    """Compiles a system whose agent and plant a caller answers for; SoterError U001."""
+    """Compiles a system in which a caller answers for agent and plant; raises SoterError U001."""
     errors = measured if isinstance(measured, bool) else tuple(sorted(measured))
 
     def make_environment() -> CompiledEnvironment:

@@ -38,7 +38,7 @@ def flag_info(session: Session, before: int, *, has_model: bool) -> dict[str, An
 
 
 def refusal_cause(session: Session) -> str:
-    """The cause of the last refusal: "shield" where a shield forbade it, else "gate"."""
+    """The cause of the last refusal: "shield" if the shield forbade the command, else "gate"."""
     if session.module.shield is None:
         return "gate"
     agent = session.record["components"][session.agent.index]

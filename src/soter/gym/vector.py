@@ -67,7 +67,7 @@ FACTS = tuple(n for n in FACTS_DTYPE.names or () if n not in ("reserved", "off_m
 
 
 class BatchedStates:
-    """The states of `count` worlds, and the arrays that a step of all of them fills."""
+    """The states of `count` worlds, and the arrays that C fills when it steps them."""
 
     def __init__(self, made: CompiledEnvironment, count: int) -> None:
         self.compiled, self.count = made, count
@@ -103,7 +103,7 @@ class BatchedStates:
         return self._both[self._turn]
 
     def begin_episodes(self, which: Array) -> None:
-        """Begins an episode in the worlds of a mask (count,)."""
+        """Begins an episode in each world that the mask `which` (count,) selects."""
         self._begin[:] = which
         self._worlds.observations = self._pointer(self.observations, "double *")
         done = self.compiled.lib.soter_worlds_begin(self._worlds)
@@ -111,7 +111,7 @@ class BatchedStates:
         self.begun = True
 
     def step(self, actions: Array, begin: Array) -> Array:
-        """Steps worlds, or begins those of `begin` (count,); gives the old observations, (n, m)."""
+        """Steps all worlds, or begins those of `begin` (count,); gives the last observations."""
         before = self.observations
         self._turn = 1 - self._turn
         self._begin[:] = begin
@@ -123,7 +123,7 @@ class BatchedStates:
         return before
 
     def publishable_masks(self, answers: Array) -> Array:
-        """Whether each world's agent would publish `answers` (n, numbers) unmoved, (count, n)."""
+        """Whether each agent would publish each of `answers` (n, numbers) unchanged, (count, n)."""
         found = np.zeros((self.count, len(answers)), dtype=np.uint8)
         arrays = self._pointer(answers, "double *"), len(answers), self._pointer(found, "uint8_t *")
         self.compiled.lib.soter_worlds_mask(self._worlds, *arrays)
@@ -137,7 +137,7 @@ def many_worlds_environment(
     params: Mapping[str, object] | None,
     observe: tuple[str, ...] | None,
 ) -> CompiledEnvironment:
-    """Compiles a system whose agent alone a caller answers for; SoterError U001, U003."""
+    """Compiles a system in which a caller answers for the agent; raises SoterError U001 or U003."""
 
     def make_environment() -> CompiledEnvironment:
         flat = program.declared(system, params)
@@ -162,26 +162,26 @@ SEED_BITS = 2**64 - 1
 
 
 class ProtectedVector(VectorEnv[Any, Any, Any]):
-    """`num_envs` worlds of a program; the agent is the AC of a module in all of them.
+    """`num_envs` worlds of a program, in each of which the agent is the AC of a module.
 
-    `program`, `system`, `module`, `params`: as of `Protected`. `observe`: what an observation is
-    made of, topics (`"car"`) and true states of plants (`"car.truth"`) by name; by default the
-    topics that the advanced controller reads, or where it reads none the truths of all plants.
+    `program`, `system`, `module`, `params`: as in `Protected`. `observe`: the names of the parts of
+    an observation: topics (`"car"`) and true states of plants (`"car.truth"`). By default these are
+    the topics that the advanced controller reads, or if it reads none, the states of all plants.
 
-    `actions`: what the agent chooses among, (n, numbers); its space is then `Discrete(n)`, and an
-    action the number of a row. By default its space is that of what it publishes.
+    `actions`: the rows (n, numbers) among which the agent chooses; the space is then `Discrete(n)`,
+    and an action is the number of a row. By default the space is that of the published values.
 
-    `reward(observation, action, next)`, `terminate(observation, action, next)`: functions of arrays
-    (num_envs, numbers), to (num_envs,); `action` is what the module published, the agent's or SC's.
-    Without `reward` it is 0. `on_violation`: `"terminate"` or `"truncate"` an episode in which a
-    property is violated. `max_steps`: after so many steps of the agent an episode is truncated (0:
-    never); by default at its last release up to the system's `until`, or, where faults lose that
-    one, at the next that happens.
+    `reward(observation, action, next)`, `terminate(observation, action, next)`: functions from
+    arrays (num_envs, numbers) to (num_envs,); `action` is the value that the module published, from
+    the agent or SC. The default reward is 0. `on_violation`: `"terminate"` or `"truncate"` an
+    episode in which a property is violated. `max_steps`: the number of agent steps after which an
+    episode is truncated (0: never). By default an episode is truncated at the agent's last release
+    up to the system's `until`, or at the next release that is not lost.
 
-    `autoreset`: Gymnasium's `AutoresetMode`. Equal seeds give equal episodes: the first of world k
-    is that of `simulate(seed=seed + k)`, the j-th after it has `seed + k + j * num_envs`. `copy`:
-    False gives arrays that the next but one step overwrites. SoterError U001 for a wrong choice,
-    U003 where the program needs Python or C of somebody's, and whatever the program raises.
+    `autoreset`: Gymnasium's `AutoresetMode`. Equal seeds give equal episodes: the first one of
+    world k is that of `simulate(seed=seed + k)`, the j-th after it has `seed + k + j * num_envs`.
+    `copy`: if False, later steps overwrite the arrays (the next but one). Raises SoterError U001
+    for a wrong choice, U003 for a program that needs foreign Python or C, and the program's errors.
     """
 
     def __init__(
@@ -218,7 +218,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         agent = made.system.components[made.roles.agent]
         outputs = array_mapping.topics_published(made.system, agent)
         self.worlds = BatchedStates(made, num_envs)
-        self._choices = None if actions is None else self._action_rows(actions, None)
+        self._choices = None if actions is None else self._checked_action_rows(actions, None)
         self.single_action_space = (
             array_mapping.action_space(outputs)
             if self._choices is None
@@ -239,10 +239,10 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
     def reset(
         self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Begins an episode in every world, or in those of `options["reset_mask"]`.
+        """Begins an episode in every world, or in the worlds of `options["reset_mask"]`.
 
-        Gives observations (num_envs, numbers). Without a seed, the seeds of the next episodes are
-        used.
+        Gives observations (num_envs, numbers). Without `seed`, each world continues with its next
+        seed.
         """
         mask = _reset_mask(options, self.num_envs)
         worlds = self.worlds
@@ -262,10 +262,10 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         return self._shown_observations(), self._step_info()
 
     def step(self, actions: Any) -> tuple[Array, Array, Array, Array, dict[str, Any]]:  # noqa: ANN401
-        """Lets every world take its action, (num_envs,) or (num_envs, numbers).
+        """Steps every world with its action, (num_envs,) or (num_envs, numbers).
 
         Gives observations (num_envs, numbers), and rewards, terminations and truncations
-        (num_envs,). A world whose episode is over begins the next one as `autoreset` says.
+        (num_envs,). A world whose episode is over begins the next episode as `autoreset` says.
         """
         worlds = self.worlds
         if not worlds.begun:
@@ -276,7 +276,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
                 f"the episode of world {int(again.argmax())} is over",
                 'call reset(options={"reset_mask": mask}) first',
             )
-        asked = self._action_rows(self._chosen_rows(actions), self.num_envs)
+        asked = self._checked_action_rows(self._rows_of_actions(actions), self.num_envs)
         before = worlds.step(asked, again)
         self._violations_before[again] = worlds.facts["violations"][again]
         self._cost = (worlds.facts["violations"] - self._violations_before).astype(np.float64)
@@ -316,7 +316,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         return np.array(seeds, dtype=np.uint64)
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """Whether AC would publish each `Discrete` action unmoved, (num_envs, n); U001."""
+        """Whether AC would publish each `Discrete` action unchanged, (num_envs, n); raises U001."""
         space = self.single_action_space
         if not isinstance(space, spaces.Discrete):
             raise wrong_choice(
@@ -330,8 +330,8 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         masks[self._over] = False  # their agents have nothing to answer
         return masks
 
-    def _chosen_rows(self, actions: Any) -> Any:  # noqa: ANN401 - NumPy, torch, lists
-        """The rows of `actions=` with these indices; without `actions=`, the actions themselves."""
+    def _rows_of_actions(self, actions: Any) -> Any:  # noqa: ANN401 - NumPy, torch, lists
+        """The rows of `actions=` with these indices; the actions themselves without `actions=`."""
         if self._choices is None:
             return actions
         rows = np.asarray(actions)
@@ -341,8 +341,8 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
             raise wrong_choice(message, "one whole number a world, from 0 on")
         return self._choices[rows]
 
-    def _action_rows(self, actions: Any, count: int | None) -> Array:  # noqa: ANN401 - NumPy, torch, lists
-        """The actions as doubles, (count, numbers); with `count` None, any number of rows."""
+    def _checked_action_rows(self, actions: Any, count: int | None) -> Array:  # noqa: ANN401 - NumPy, torch, lists
+        """The actions as doubles, (count, numbers); if `count` is None, any number of rows."""
         array = actions.detach().cpu() if hasattr(actions, "detach") else actions
         rows = array_mapping.array_of_doubles(array, "an array of actions")
         needed = self.worlds.action_numbers
@@ -365,17 +365,17 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         return observations.copy() if self._copy or keep else observations
 
     def _rewards_and_ends(self, before: Array) -> tuple[Array, Array, Array]:
-        """Rewards, terminations and truncations, (num_envs,), of a step from `before` (n, m)."""
+        """Rewards, terminations and truncations, each (num_envs,), of the step from `before`."""
         worlds, n = self.worlds, self.num_envs
         facts, seen = worlds.facts, (before, worlds.applied, worlds.observations)
         rewards = (
             np.zeros(n)
             if self._reward is None
-            else _column_of_worlds(self._reward(*seen), n, "reward")
+            else _checked_column(self._reward(*seen), n, "reward")
         )
         ended = np.zeros(n, dtype=bool)
         if self._terminate is not None:
-            ended = _column_of_worlds(self._terminate(*seen), n, "terminate").astype(bool)
+            ended = _checked_column(self._terminate(*seen), n, "terminate").astype(bool)
         cut = np.zeros(n, dtype=bool)
         if self._max_steps:
             cut = facts["steps"] >= self._max_steps
@@ -411,7 +411,7 @@ def _checked_autoreset(
     autoreset: AutoresetMode | str,
     dtype: Any,  # noqa: ANN401 - whatever NumPy takes
 ) -> AutoresetMode:
-    """The chosen autoreset mode; SoterError U001 where any of these choices is wrong."""
+    """The chosen autoreset mode; raises SoterError U001 if any of these choices is wrong."""
     if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
         raise wrong_choice(f"there cannot be {num_envs!r} worlds", "num_envs is 1 or more")
     if on_violation not in ENDS:
@@ -430,7 +430,7 @@ def _checked_autoreset(
 
 
 def _last_release_ns(made: CompiledEnvironment) -> int | None:
-    """The agent's last release up to the system's end, at least its second; None without an end."""
+    """The agent's last release, or its second if later, before the system ends; None if endless."""
     agent, until = made.system.components[made.roles.agent], made.system.until_ns
     if until is None:
         return None
@@ -438,7 +438,7 @@ def _last_release_ns(made: CompiledEnvironment) -> int | None:
 
 
 def _reset_mask(options: dict[str, Any] | None, count: int) -> npt.NDArray[np.bool_]:
-    """The mask of the worlds to reset, (count,), by default all of them; SoterError U001."""
+    """The mask of the worlds to reset, (count,), by default all; raises SoterError U001."""
     if options is None or "reset_mask" not in options:
         return np.ones(count, dtype=bool)
     mask = np.asarray(options["reset_mask"])
@@ -447,8 +447,8 @@ def _reset_mask(options: dict[str, Any] | None, count: int) -> npt.NDArray[np.bo
     return mask
 
 
-def _column_of_worlds(values: Any, count: int, name: str) -> Array:  # noqa: ANN401 - what a function gave
-    """The result of the user's function `name`, one number a world, (count,); SoterError U001."""
+def _checked_column(values: Any, count: int, name: str) -> Array:  # noqa: ANN401 - what a function gave
+    """The checked result of the user's function `name`, (count,); raises SoterError U001."""
     column = np.asarray(values)
     if column.shape != (count,):
         raise wrong_choice(f"`{name}` gave the shape {column.shape}, not {(count,)}")

@@ -54,7 +54,7 @@ PLACES_MAX = 5
 
 
 def ordered_for_readers(diagnostics: Diagnostics, sources: Sequence[Source]) -> Diagnostics:
-    """Gives diagnostics ordered by file, then place, then severity, without repeated ones."""
+    """Gives diagnostics without repetitions, ordered by file, then place, then severity."""
     files = {id(source): i for i, source in enumerate(sources)}
 
     def rank(d: Diagnostic) -> tuple[int, int, bool]:
@@ -71,7 +71,7 @@ def ordered_for_readers(diagnostics: Diagnostics, sources: Sequence[Source]) -> 
 
 
 def _without_repetitions(items: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """Gives one diagnostic, that with the shortest message, for equal mistakes at one place."""
+    """Gives for equal mistakes at one place only the diagnostic with the shortest message."""
     kept: dict[object, Diagnostic] = {}
     for number, d in enumerate(items):
         key: object = number
@@ -108,7 +108,7 @@ def _merged_diagnostic(group: list[Diagnostic]) -> Diagnostic:
 
 
 def _combined_fix(fix: Fix, group: list[Diagnostic]) -> Fix:
-    """Gives a fix with the edits of all fixes in `group` that have its title, each once."""
+    """Gives a fix with the distinct edits of all fixes in `group` that have the title of `fix`."""
     edits = [e for d in group for f in d.fixes if f.title == fix.title for e in f.edits]
     return Fix(fix.title, tuple(dict.fromkeys(edits)))
 
@@ -123,7 +123,7 @@ ALL_COMPONENTS_MAX = 20_000
 
 @dataclass(eq=False)
 class CheckResult:
-    """A program and every diagnostic about it; `program` is None if nothing could be read."""
+    """A program and all diagnostics about it; `program` is None if nothing could be read."""
 
     program: TypedProgram | None
     diagnostics: Diagnostics
@@ -135,7 +135,7 @@ class CheckResult:
 
     @property
     def ok(self) -> bool:
-        """Whether the program has no errors, and so may be run."""
+        """Whether the program has no errors, so that it may be run."""
         return self.program is not None and not self.diagnostics.has_errors
 
     @property
@@ -144,7 +144,7 @@ class CheckResult:
         return self.loaded is None or begins_as_program(self.loaded.main.source.text)
 
     def default_system(self) -> SystemSymbol | None:
-        """Gives the only system, or the one marked `default`; None if there is neither."""
+        """Gives the only system, or the only one marked `default`; None if neither exists."""
         if len(self.systems) == 1:
             return next(iter(self.systems.values()))
         marked = [s for s in self.systems.values() if s.default]
@@ -166,8 +166,8 @@ def check_file(
 ) -> CheckResult:
     """Checks the program in `path` (or in `text`, with `path` as its name).
 
-    `tell` is called with a text about progress if that may take seconds. The cycle collector is off
-    meanwhile: a program is many small objects and hardly any garbage.
+    `tell` is called with a text about progress if the check may take seconds. The cycle collector
+    is off meanwhile, as a program has many small objects and hardly any garbage.
     """
     collecting = gc.isenabled()
     diagnostics = Diagnostics(tell)
@@ -204,7 +204,7 @@ def _check_file(
     flat_by_name = _flatten_all(program, systems, overrides, diagnostics, draft=draft)
     for test in program.tests.values():
         elaborate_test(program, test, overrides, diagnostics)
-    _check_unplaced(program, systems, diagnostics)
+    _check_unplaced_declarations(program, systems, diagnostics)
     ordered = ordered_for_readers(diagnostics, [f.source for f in loaded.files])
     return CheckResult(program, ordered, systems, loaded, {} if draft else flat_by_name)
 
@@ -217,7 +217,7 @@ def _flatten_all(
     *,
     draft: bool,
 ) -> dict[str, System]:
-    """Gives name -> flat system, for those without errors; M007 if all are too large together."""
+    """Gives name -> flat system, if without errors; reports M007 if their sum is too large."""
     components, flat_by_name = 0, {}
     for name, system in systems.items():
         flat = _flatten_and_check(program, system, overrides, diagnostics, draft=draft)
@@ -245,7 +245,7 @@ def _flatten_and_check(
     draft: bool = False,
     lints: bool = True,
 ) -> System | None:
-    """Gives the flat system, None if it has errors; without `lints` there are no warnings."""
+    """Gives the flat system; None if it has errors. Without `lints` it gives no warnings."""
     flattening = Flattening(program, symbol, overrides, diagnostics, draft=draft)
     before = len(diagnostics.items)
     flat = flatten(flattening)
@@ -270,10 +270,10 @@ def _deployed_system(
     return None if diagnostics.has_errors else flat
 
 
-def _check_unplaced(
+def _check_unplaced_declarations(
     program: TypedProgram, systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics
 ) -> None:
-    """Checks numbers of declarations of the main file that no system has, by default parameters."""
+    """Checks numbers of the main file's declarations that are in no system, with default values."""
     placed = _placed_symbols([*systems.values(), *(t.system for t in program.tests.values())])
     instances = tuple(
         InstanceSymbol(s.name, s, {}, {}, s.span) for s in _unplaced_symbols(program, placed)
@@ -290,7 +290,7 @@ def _check_unplaced(
 
 
 def _placed_symbols(systems: list[SystemSymbol]) -> set[object]:
-    """Gives the systems, and all plants, modules and nodes that are in them."""
+    """Gives the systems, and all plants, modules and nodes in them."""
     placed: set[object] = set()
     todo: list[object] = [*systems]
     while todo:
@@ -309,7 +309,7 @@ def _placed_symbols(systems: list[SystemSymbol]) -> set[object]:
 def _unplaced_symbols(
     program: TypedProgram, placed: set[object]
 ) -> Iterator[PlantSymbol | ModuleSymbol | NodeSymbol]:
-    """Yields declarations of the main file that are in no system and in none of their modules."""
+    """Yields declarations of the main file that are neither in a system nor in such a module."""
     rest = [
         s
         for table in (program.plants, program.modules, program.nodes)
@@ -340,10 +340,10 @@ def system_of(
     *,
     exact: bool = True,
 ) -> System:
-    """Gives the flat system to run; SoterError if none has this name, or it has errors.
+    """Gives the flat system to run; raises SoterError if no system fits, or if it has errors.
 
-    With `exact`, parameters of instances that it does not have are an error (U004); without, they
-    may be of other systems.
+    With `exact`, a parameter of an instance that the system does not have is an error (U004);
+    otherwise it may belong to another system.
     """
     if not checked.ok:
         raise SoterError(checked.diagnostics.items)
@@ -375,7 +375,7 @@ def system_of_test(
     *,
     exact: bool = True,
 ) -> System:
-    """Gives a test's flat system, with `System.test`; SoterError as `system_of` raises it."""
+    """Gives a test's flat system, with `System.test`; raises SoterError as `system_of` does."""
     if not checked.ok:
         raise SoterError(checked.diagnostics.items)
     assert checked.program is not None
@@ -398,7 +398,7 @@ def _sound_system(
     overrides: Mapping[str, Value] | None,
     diagnostics: Diagnostics,
 ) -> System:
-    """Gives `flat`; SoterError if it has errors, or no instance that an override names (U004)."""
+    """Gives `flat`; raises SoterError if it has errors, U004 if it lacks an overridden instance."""
     for name in overrides or {}:
         if not has_param(program, [system], name):
             diagnostics.error("U004", f"system `{system.name}` has no instance of `{name}`")

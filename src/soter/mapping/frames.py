@@ -41,7 +41,7 @@ DOWN = re.compile(r"(?i)(?<![a-z])(down|[pv]d)(?![a-z])")
 
 
 def likely_frame(message: MessageType | None, fields: Sequence[str], labels: Sequence[str]) -> str:
-    """The likely frame of a vector, by names and units; "" if unknown or in latitude, longitude."""
+    """The likely frame of a vector, by names and units; "" if unknown or a latitude, longitude."""
     units = [message and standard_unit(message, name) for name in fields]
     if {"deg", "degE7"} & {*units} or any(re.match("(?i)lat|lon", name) for name in fields):
         return ""
@@ -55,7 +55,7 @@ def likely_frame(message: MessageType | None, fields: Sequence[str], labels: Seq
 
 
 def turn_between(frame: str, program: str) -> Turn:
-    """The turn from a frame of FRAMES into the program's, one of WORLD; it is its own inverse."""
+    """The turn from `frame` into the frame `program` (one of WORLD); the same turn leads back."""
     if frame in WORLD:
         return SAME if frame == program else _WORLD_TURN
     return SAME if frame == BODY_OF[program] else _BODY_TURN

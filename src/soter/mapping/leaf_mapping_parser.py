@@ -25,7 +25,7 @@ from soter.language.model.types import (
 )
 from soter.language.model.values import ValueShapeError, from_json
 from soter.mapping.frames import SAME
-from soter.mapping.mapping_errors import is_number, unknown_name
+from soter.mapping.mapping_errors import is_number, unknown_name_message
 from soter.mapping.message_types import INTEGERS, NUMBERS, NoSuchFieldError
 from soter.mapping.topic_mapping import ConstantSource, NearestSource, SignalSource, SlopeSource
 from soter.mapping.units import DIMENSIONS, RATES, UNITS, factor_between, full_turn, standard_unit
@@ -54,7 +54,7 @@ def nearest_source(
     message: MessageType | None,
     problems: MappingProblems,
 ) -> NearestSource | None:
-    """Gives the source of a leaf with `nearest`; None if the row is wrong, which it notes."""
+    """Gives the source of a leaf with `nearest`; None if the row is wrong, with mistakes noted."""
     before = len(problems.mistakes)
     problems.note_unknown_keys(row, NEAREST_KEYS, f"`{name}`")
     kind, most, unseen = row["nearest"], row.get("most", 0), row.get("unseen", 0)
@@ -90,7 +90,7 @@ def _is_list_of_three_names(value: object) -> TypeGuard[list[str]]:
 
 
 class LeafReader:
-    """Reads `fields` of a topic. `turn`: into the program's frame; `vectors`: their field names."""
+    """Reads the `fields` of a topic, and turns vectors by `turn` into the program's frame."""
 
     def __init__(
         self,
@@ -129,13 +129,13 @@ class LeafReader:
         return {path: leaf_by_path[path] for path in self.types if path in leaf_by_path}
 
     def _row_leaves(self, key: str, row: object) -> dict[LeafPath, Leaf | None]:
-        """Gives the source of each leaf that a row fills; None for a source that is wrong."""
+        """Gives the source of each leaf that a row fills; None for a leaf whose source is wrong."""
         if key in self.keys:
             path = self.keys[key]
             return {path: self._leaf_source(f"{self.topic.name}.{key}", self.types[path], row)}
         if key in self.prefixes:
             return self._vector_leaves(f"{self.topic.name}.{key}", self.prefixes[key], row)
-        self.problems.add(unknown_name(f"`{self.topic.name}` has no", key, self.keys))
+        self.problems.add(unknown_name_message(f"`{self.topic.name}` has no", key, self.keys))
         return {}
 
     # ---------------------------------------------------------------- vectors
@@ -236,7 +236,7 @@ class LeafReader:
         return SignalSource(field, scale, float(row.get("offset", 0)), assumed, turn)
 
     def _checked_unit(self, name: str, t: Type, row: Mapping[str, Any]) -> str | None:
-        """Gives the unit in a row, None if it has none; notes each mistake in the row."""
+        """Gives the unit in a row; None if the row has no known unit. Notes every mistake."""
         problems, unit = self.problems, row.get("unit")
         if unit is not None and (not isinstance(unit, str) or unit not in UNITS):
             problems.add(f"`{name}` is in `{unit}`: there are {', '.join(UNITS)}")
@@ -254,7 +254,7 @@ class LeafReader:
         return unit
 
     def _field_unit(self, name: str, t: Type, field: str) -> str | None:
-        """Gives the standard unit of a field, None without one; notes a missing or unfit field."""
+        """Gives the standard unit of a field or None; notes a field that is missing or unfit."""
         if self.message is None:
             return None
         try:
@@ -271,7 +271,7 @@ class LeafReader:
     def _unit_factor(
         self, name: str, t: Type, field: str, unit: str | None, standard: str | None
     ) -> float:
-        """Gives the factor from the field's unit to the program's; 1 if one is missing or wrong."""
+        """Gives the factor from the field's unit to the program's; 1 if no factor is known."""
         if unit is not None and standard is not None and unit != standard:
             assert self.message is not None
             text = f"`{field}` of {self.message.ros1} is in `{standard}`"
@@ -321,7 +321,7 @@ def _unit_text(unit: str) -> str:
 def _leaves_by_name(
     types: Mapping[LeafPath, Type], keys: Mapping[str, LeafPath]
 ) -> dict[str, list[LeafPath]]:
-    """Gives the leaves in each record or array by its dotted name; the whole topic is `value`."""
+    """Maps the dotted name of each record or array to its leaves; the full topic is `value`."""
     below: dict[str, list[LeafPath]] = {}
     for path in types:
         for depth in range(len(path)):

@@ -21,13 +21,13 @@ NUMBER_MAX = 1e30
 """Larger scales and offsets are taken for typing mistakes."""
 
 
-def wrong_mapping(problems: Iterable[str], file: Path | None = None) -> SoterError:
-    """Gives SoterError D015, with a diagnostic for each mistake, which names the file."""
+def wrong_mapping_error(problems: Iterable[str], file: Path | None = None) -> SoterError:
+    """Gives SoterError D015 with a diagnostic for each mistake; each names the mapping's file."""
     notes = () if file is None else (f"in the mapping `{file}`",)
     return SoterError(tuple(Diagnostic("D015", p, notes=notes) for p in problems))
 
 
-def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
+def unknown_name_message(kind: str, name: str, known: Iterable[str]) -> str:
     """Gives a message about an unknown name, with a similar known name if there is one."""
     hint = nearest_or_all(name, known)
     return f"{kind} `{name}`: {hint}" if hint else f"{kind} `{name}`"
@@ -51,7 +51,7 @@ class MappingProblems:
         self.mistakes.append(text)
 
     def table(self, row: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
-        """Gives the table under a key; {} if the key is missing, or is no table, which it notes."""
+        """Gives the table under a key; {} if the key is missing. Notes a value that is no table."""
         table = row.get(key, {})
         if not isinstance(table, dict):
             self.add(f"`{key}` of {where} is no table")
@@ -63,7 +63,7 @@ class MappingProblems:
         return {k: str(v) for k, v in self.table(row, key, where).items()}
 
     def text(self, row: Mapping[str, Any], key: str, where: str) -> str | None:
-        """Gives the text under a key; None if the key is missing, or no text, which it notes."""
+        """Gives the text under a key; None if the key is missing. Notes a value that is no text."""
         text = row.get(key)
         if text is not None and not isinstance(text, str):
             self.add(f"`{key}` of {where} is no name: {text!r}")
@@ -77,7 +77,7 @@ class MappingProblems:
                 self.add(f"{where} says `{key}`: there are {', '.join(known)}")
 
     def positive_ns(self, row: Mapping[str, Any], key: str, name: str) -> int:
-        """Gives the time under a key in ns; notes it if it is missing, unitless or not above 0."""
+        """Gives the time under a key in ns; notes a missing, unitless or not positive time."""
         if key not in row or is_number(row[key]):
             bare = f"`{key}` of `{name}` is {row.get(key)} of what? It needs a unit"
             self.add(f'{bare if key in row else f"`{name}` needs a `{key}`"}, such as "0.5s"')

@@ -28,7 +28,7 @@ from xml.parsers import expat
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.similar_names import closest
 from soter.language.load.named_files import MIB, path_beside, read_bytes
-from soter.mapping.mapping_errors import unknown_name
+from soter.mapping.mapping_errors import unknown_name_message
 from soter.mapping.message_types import ARRAY, BASE, MessageType, StampSource, UnknownMessageError
 from soter.version import pip_command
 
@@ -54,9 +54,9 @@ NOT_IN_COMMENTS = re.compile(r"[^\w .,;:()+=<>%'\"/&|!-]+")
 
 
 def dialect_xml(path: Path) -> bytes:
-    """Gives all messages of a dialect and of its includes, the innermost first, as XML.
+    """Gives all messages of a dialect and of its includes as XML, innermost include first.
 
-    An included file lies in the folder of the file that names it. ValueError if a file is no
+    An included file lies in the folder of the including file. Raises ValueError if a file is no
     dialect, OSError if it cannot be read.
     """
     document_root = ET.Element("mavlink")
@@ -84,7 +84,7 @@ def comment_text(text: str) -> str:
 
 
 def _documents(path: Path) -> Iterator[ET.Element]:
-    """Yields the document of a dialect and those that it includes, innermost first, each once."""
+    """Yields the documents of a dialect and of its includes, innermost first, each once."""
     seen: set[Path] = set()
 
     def read(at: Path, depth: int) -> Iterator[ET.Element]:
@@ -105,7 +105,7 @@ def _documents(path: Path) -> Iterator[ET.Element]:
 
 
 def _parse_root(raw: bytes) -> ET.Element:
-    """Gives the root of a document; ValueError if it has a document type, and so entities."""
+    """Gives the root of a document; raises ValueError if it has a document type (so entities)."""
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
     parser.StartDoctypeDeclHandler = _refuse_doctype
     parser.StartElementHandler = builder.start
@@ -157,7 +157,7 @@ def _field_element(field: ET.Element, message: str) -> ET.Element:
 
 
 def _checked_number(text: str, end: int) -> str:
-    """Gives the decimal digits of a whole number in [0, end); ValueError for another text."""
+    """Gives the decimal digits of a whole number in [0, end); raises ValueError for other texts."""
     digits = text.strip()
     if not (digits.isascii() and digits.isdigit() and len(digits) < 10 and int(digits) < end):
         raise ValueError(f"{digits[:60]!r} is no number from 0 to {end - 1}")
@@ -179,9 +179,9 @@ _KIND = {"float": "float32", "double": "float64", "char": "string"}
 
 @dataclass(frozen=True)
 class MavlinkMessage(MessageType):
-    """A message type of a dialect. `invalid`: for a field the number that means "not known".
+    """A message type of a dialect; `invalid` maps fields to the number that means "not known".
 
-    `extensions`: the fields that frames of MAVLink 1 do not have.
+    `extensions` are the fields that frames of MAVLink 1 do not have.
     """
 
     id: int = 0
@@ -206,7 +206,7 @@ class MavlinkMessage(MessageType):
 
 @dataclass(frozen=True)
 class ChecksumEntry:
-    """The lengths of a message and its checksum byte `extra`, which a parser of frames needs."""
+    """The shortest and longest length of a message, and its checksum byte `extra`, for a parser."""
 
     id: int
     extra: int
@@ -219,7 +219,7 @@ class ChecksumEntry:
 
 @dataclass(frozen=True)
 class Dialect:
-    """The messages of a dialect with its includes; `xml`: all of them as one document."""
+    """The messages of a dialect and of its includes; `xml` is all of them as one document."""
 
     name: str
     xml: bytes = field(repr=False)
@@ -258,13 +258,13 @@ def standard_dialects() -> list[str]:
 
 
 def dialect_path(name: str, folder: Path) -> Path:
-    """Gives the file of a dialect: in pymavlink by its name, or a user's `.xml` in `folder`."""
+    """Gives the file of a dialect: pymavlink's by name, or a user's `.xml` in `folder`."""
     return folder / name if name.endswith(".xml") else _dialect_folder() / f"{name}.xml"
 
 
 @cache
 def read_dialect(path: Path) -> Dialect:
-    """Reads a dialect from its file; ValueError if that is no dialect, OSError if unreadable."""
+    """Reads a dialect from a file; raises ValueError if it is no dialect, OSError if unreadable."""
     messages: dict[str, MavlinkMessage] = {}
     checksums: dict[int, ChecksumEntry] = {}
     document = dialect_xml(path)
@@ -306,7 +306,7 @@ def _parsed_messages(document: bytes) -> list[Any]:
 
 
 def _field_unit(f: Any) -> str:  # noqa: ANN401 - of a package without types
-    """Gives the unit of a field, "" without one; with its multiplier it may be `deg*360/255`."""
+    """Gives the unit of a field, with a multiplier as in `deg*360/255`; "" if it has no unit."""
     unit = str(f.units or "").strip("[]")
     return f"{unit or '1'}*{f.multiplier}" if f.multiplier else UNITS.get(unit, unit)
 
@@ -351,10 +351,10 @@ SOURCE = re.compile(r"(\d{1,3})/(\d{1,3})", re.ASCII)
 
 @dataclass(frozen=True)
 class MavlinkLink:
-    """The table `[mavlink]` of a mapping, with defaults for what it leaves out.
+    """The table `[mavlink]` of a mapping, with defaults for missing keys.
 
-    `delay_ns`: the greatest age of a message at its arrival; None: not declared. `resend_ns`: the
-    period at which an unchanged value is sent again. `offboard_loss_ns`: COM_OF_LOSS_T of PX4.
+    `delay_ns` is the greatest age of a message at its arrival; None if not declared. `resend_ns`:
+    the period at which an unchanged value is sent again. `offboard_loss_ns`: COM_OF_LOSS_T of PX4.
     """
 
     urls: tuple[str, ...]
@@ -369,12 +369,12 @@ class MavlinkLink:
 
     @property
     def autopilot(self) -> tuple[int, int]:
-        """Gives (system, component): the sender that counts for topics without a `publisher`."""
+        """Gives (system, component) of the autopilot: the sender if `publisher` is not set."""
         return self.system, self.component
 
 
 def read_link(table: Mapping[str, Any], folder: Path, problems: MappingProblems) -> MavlinkLink:
-    """Reads the table `[mavlink]`; do not use it after new problems. D007 without pymavlink."""
+    """Reads the table `[mavlink]`; unusable if `problems` grow. Raises D007 without pymavlink."""
     require_mavlink_package()
     problems.note_unknown_keys(table, KEYS, "`mavlink`")
     urls = _read_urls(table.get("url"), problems)
@@ -450,7 +450,7 @@ def _find_dialect(value: object, folder: Path, problems: MappingProblems) -> Dia
     if name is not value:
         problems.add(f"`dialect` of `mavlink` is no name: {value!r}")
     elif name not in known and not name.endswith(".xml"):
-        problems.add(unknown_name("`mavlink` has no dialect", name, known))
+        problems.add(unknown_name_message("`mavlink` has no dialect", name, known))
         name = "common"
     try:
         return read_dialect(dialect_path(name, folder).resolve())

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StampSource:
-    """The field that says when a message was measured, in the clock of its arrival.
+    """The field with the time at which a message was measured, in the clock of its arrival.
 
-    `kind`: "time", a ROS time (of JSON and protobuf its members `sec` and `nanosec` or `nanos`), or
-    "number", in units of `unit_ns`.
+    `kind` is "time" for a ROS time (in JSON and protobuf with members `sec` and `nanosec` or
+    `nanos`), or "number" for a number in units of `unit_ns`.
     """
 
     path: str
@@ -60,7 +60,7 @@ Definitions = dict[str, tuple[list[Any], list[tuple[str, Any]]]]
 
 
 class UnknownMessageError(Exception):
-    """A message type is not known; the text of the error names a similar one."""
+    """Reports an unknown message type; the text names a similar known type."""
 
 
 class NoSuchFieldError(Exception):
@@ -71,8 +71,8 @@ class NoSuchFieldError(Exception):
 class MessageField:
     """A primitive field of a message; `type`: float64, bool, int32, string, ..., time, duration.
 
-    `through`: "sequence" if its path goes through a list of any length, so that a message may lack
-    the field; "array" if only through arrays of fixed length; else "".
+    `through` is "sequence" if the field is inside a list of any length, and so may be absent;
+    "array" if it is only inside arrays of fixed length; else "".
     """
 
     path: str
@@ -82,7 +82,7 @@ class MessageField:
 
 @dataclass(frozen=True)
 class MessageType:
-    """`nav_msgs/Odometry`: the same type under its names in ROS 1 and ROS 2."""
+    """A message type such as `nav_msgs/Odometry`, under its names in ROS 1 and ROS 2."""
 
     package: str
     name: str
@@ -90,20 +90,20 @@ class MessageType:
 
     @property
     def ros1(self) -> str:
-        """Gives the name in ROS 1: nav_msgs/Odometry."""
+        """Gives the type's name in ROS 1, such as nav_msgs/Odometry."""
         return f"{self.package}/{self.name}"
 
     @property
     def ros2(self) -> str:
-        """Gives the name in ROS 2: nav_msgs/msg/Odometry."""
+        """Gives the type's name in ROS 2, such as nav_msgs/msg/Odometry."""
         return f"{self.package}/msg/{self.name}"
 
     def exists_in(self, ros: int) -> bool:
-        """Whether ROS 1, or 2, has the type."""
+        """Whether this type exists in ROS 1 or ROS 2; `ros` is 1 or 2."""
         return self.ros2 in self.definitions.get(ros, {})
 
     def field_at(self, path: str, ros: int | None = None) -> MessageField:
-        """Gives the field at a path such as `a.b.0`, in ROS 1, 2 or either; NoSuchFieldError."""
+        """Gives the field at a path as `a.b.0`, in any ROS by default; raises NoSuchFieldError."""
         families = [ros] if ros else sorted(self.definitions, reverse=True)
         versions = [v for v in families if self.exists_in(v)]
         if not versions:
@@ -117,19 +117,19 @@ class MessageType:
         raise problem
 
     def primitive_type(self, path: str, ros: int | None = None) -> str:
-        """Gives the primitive type at a path: float64, bool, ..., time; raises NoSuchFieldError."""
+        """Gives the primitive type at a path: float64, ..., time. Raises NoSuchFieldError."""
         return self.field_at(path, ros).type
 
     def fields_by_path(self, ros: int | None = None) -> dict[str, MessageField]:
-        """Gives each primitive field by path, in declared order; `*` stands for a list index."""
+        """Maps each path, with `*` for list indices, to its primitive field, in declared order."""
         definitions = self.definitions[ros] if ros else self._newest_definitions
         found = self._fields_below((self.ros2,), "", "", definitions)
         return {f.path: f for f in found}
 
     def owning_types(self, path: str) -> Iterator[tuple[str, str]]:
-        """Yields each type that contains a field, outermost first, with the field's path in it.
+        """Yields each type that contains a field, outermost first, and the field's path inside it.
 
-        Types are written as in ROS 1; `path` must be one that `field_at` accepts.
+        Types are written as in ROS 1. `path` must be a path that `field_at` accepts.
         """
         definitions = self._newest_definitions
         found: Any = (NAMED, self.ros2)
@@ -238,14 +238,14 @@ class KnownTypes(Protocol):
     """An object that finds message types by their names."""
 
     def type_named(self, name: str) -> MessageType:
-        """Gives the type; raises UnknownMessageError."""
+        """Gives the type with this name; raises UnknownMessageError if it is unknown."""
 
 
 class MessageTypes:
     """The standard message types of ROS, and those that `add` reads from `.msg` files."""
 
     def __init__(self) -> None:
-        """Raises SoterError D007 without rosbags."""
+        """Raises SoterError D007 if rosbags is not installed."""
         require_ros_package()
         self.definitions = {v: dict(standard) for v, standard in _standard_definitions().items()}
 
@@ -255,7 +255,7 @@ class MessageTypes:
             definitions.update(_parse_definition(name, text))
 
     def type_named(self, name: str) -> MessageType:
-        """Gives the type; raises UnknownMessageError."""
+        """Gives the type with this name; raises UnknownMessageError if it is unknown."""
         match = NAME.fullmatch(name)
         if match is None:
             raise UnknownMessageError("a type is written as `nav_msgs/Odometry`")
@@ -285,7 +285,7 @@ def _standard_definitions() -> dict[int, Definitions]:
 
 
 def _parse_definition(name: str, text: str) -> Definitions:
-    """Gives the definitions in the text of a `.msg` file, whose type the mapping calls `name`."""
+    """Gives the definitions in the text of a `.msg` file; `name` is its type in the mapping."""
     from rosbags.typesys import TypesysError, get_types_from_msg  # noqa: PLC0415 - an extra
 
     match = NAME.fullmatch(name)
@@ -302,7 +302,7 @@ Step = Literal["member", "array", "sequence"]
 
 
 def path_steps(message: MessageType, path: str, ros: int) -> list[tuple[str, Step]]:
-    """Gives each part of a path, and whether it is a member, or in an array or a sequence."""
+    """Gives each part of a path, and whether it is a member or an index of an array or sequence."""
     return [(part, step) for part, step, _ in _steps_to_field(message, path, ros)]
 
 

@@ -17,7 +17,12 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import parse_json, read_bytes, read_json_text
 from soter.mapping.frames import WORLD
-from soter.mapping.mapping_errors import MappingProblems, is_number, unknown_name, wrong_mapping
+from soter.mapping.mapping_errors import (
+    MappingProblems,
+    is_number,
+    unknown_name_message,
+    wrong_mapping_error,
+)
 from soter.mapping.mavlink_dialects import MavlinkMessage, is_mavlink, read_link
 from soter.mapping.message_types import MessageTypes, UnknownMessageError
 from soter.mapping.topic_mapping import LogMap
@@ -53,20 +58,20 @@ def read_mapping(path: Path) -> dict[str, Any]:
         text = read_json_text(path)
     except (OSError, UnicodeDecodeError) as error:
         why = reason(error) if isinstance(error, OSError) else "it is not UTF-8"
-        raise wrong_mapping([f"the mapping `{path}` cannot be read: {why}"]) from error
+        raise wrong_mapping_error([f"the mapping `{path}` cannot be read: {why}"]) from error
     try:
         table = parse_toml(text) if path.suffix == ".toml" else parse_json(text)
     except (ValueError, RecursionError) as error:
         kind = "TOML" if path.suffix == ".toml" else "JSON"
         why = f"the mapping `{path}` is no {kind}: {str(error)[:200]}"
-        raise wrong_mapping([why]) from error
+        raise wrong_mapping_error([why]) from error
     if not isinstance(table, dict):
-        raise wrong_mapping([f"the mapping `{path}` is no table"])
+        raise wrong_mapping_error([f"the mapping `{path}` is no table"])
     return table
 
 
 def system_name(table: Mapping[str, Any]) -> str | None:
-    """Gives the name of the system that a mapping is for; None if it names none."""
+    """Gives the system that a mapping names; None if it names no system."""
     name = table.get("system")
     return name if isinstance(name, str) else None
 
@@ -77,15 +82,15 @@ def make_log_map(
     where: Mapping[str, str] | None = None,
     file: Path | None = None,
 ) -> LogMap:
-    """Gives the records of a mapping, checked against a system, with the conditions `where` added.
+    """Gives the checked records of a mapping for a system, with the conditions `where` added.
 
-    `file` is the file of the mapping, from whose folder it finds its `messages`. SoterError D015;
-    D007 if it names types of ROS messages and the package that knows them is missing.
+    `file` is the mapping's file; its `messages` are relative to this folder. Raises SoterError D015
+    for mistakes; raises D007 if it names ROS types and the package that knows them is missing.
     """
     reading = _MappingReader(system, Path() if file is None else file.parent)
     log_map = reading.read_log_map(table)
     if reading.problems.mistakes:
-        raise wrong_mapping(reading.problems.mistakes, file)
+        raise wrong_mapping_error(reading.problems.mistakes, file)
     return replace(log_map, where={**log_map.where, **(where or {})})
 
 
@@ -98,7 +103,7 @@ def _type_names(topics: Mapping[str, Any]) -> list[object]:
 
 
 def _with_link_delay(topic_map: TopicMap, link: MavlinkLink | None) -> TopicMap:
-    """Gives a topic with the link's delay if its messages are of MAVLink and have no stamp."""
+    """Gives a topic the link's delay if its messages are MAVLink messages without a stamp."""
     if (
         link is None
         or topic_map.stamp is not None
@@ -109,13 +114,13 @@ def _with_link_delay(topic_map: TopicMap, link: MavlinkLink | None) -> TopicMap:
 
 
 class _TypesByFamily:
-    """Finds message types of ROS and of MAVLink by name; each is None if the mapping has none."""
+    """Finds message types of ROS and MAVLink by name; a family that is not used is None."""
 
     def __init__(self, ros: MessageTypes | None, link: MavlinkLink | None) -> None:
         self.ros, self.link = ros, link
 
     def type_named(self, name: str) -> MessageType:
-        """Gives the type; raises UnknownMessageError."""
+        """Gives the type with this name; raises UnknownMessageError if it is unknown."""
         if self.link is not None and is_mavlink(name):
             return self.link.dialect.message_named(name)
         if self.ros is None:
@@ -167,7 +172,7 @@ class _MappingReader:
         if topic is None and name in self.unused:
             return ()
         if topic is None:
-            self.problems.add(unknown_name("the system has no topic", name, self.known))
+            self.problems.add(unknown_name_message("the system has no topic", name, self.known))
             return ()
         if not isinstance(row, dict):
             self.problems.add(f"`{name}` is no table")
@@ -179,7 +184,7 @@ class _MappingReader:
     def _read_link(
         self, table_: Mapping[str, Any], topics: Mapping[str, Any]
     ) -> MavlinkLink | None:
-        """Gives the table `mavlink`; None if it is missing and no topic has a MAVLink type."""
+        """Reads the table `mavlink`; None if it is missing and no topic has a MAVLink type."""
         table = self.problems.table(table_, "mavlink", "the mapping")
         if not table and not any(is_mavlink(name) for name in _type_names(topics)):
             return None

@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 class SourcePromise:
     """The promise of one source of a topic, and when the source takes over; times in ns.
 
-    While it works it measures at least every `every_ns`, and a sample arrives at most `delayed_ns`
-    after its measurement. `errors`: the greatest error of a float leaf, in the topic's unit; other
-    leaves have none. `after_ns`: by how much its samples must be younger than those of the sources
-    before it; the first source (`rank` 0) has 0, which is not used.
+    While a source works, it measures at least every `every_ns`, and its samples arrive at most
+    `delayed_ns` after their measurement. `errors` has the greatest error of float leaves, in the
+    topic's unit. A sample is taken only if it is by more than `after_ns` newer than all samples of
+    the sources before it (not used for the first source, `rank` 0).
     """
 
     rank: int
@@ -47,17 +47,17 @@ class SourcePromise:
 
     @property
     def own_age_max_ns(self) -> int:
-        """Gives the greatest age of its newest sample while it works: `every_ns` + `delayed_ns`."""
+        """Gives the greatest age of the source's newest sample: `every_ns` + `delayed_ns`."""
         return self.every_ns + self.delayed_ns
 
     @property
     def age_max_ns(self) -> int:
-        """Gives the greatest age of the topic while this source works, even if no other does."""
+        """Gives the greatest age of the topic while this source works and all others fail."""
         return self.after_ns + self.own_age_max_ns
 
 
 class SourceTurns:
-    """Decides which samples of several sources are taken; `after_ns`: for each rank of a source."""
+    """Decides which samples of several sources are taken, by an `after_ns` for each rank."""
 
     def __init__(self, after_ns: Sequence[int]) -> None:
         self.after_ns = tuple(after_ns)
@@ -65,9 +65,9 @@ class SourceTurns:
         """For each source the stamp of its newest sample that had a turn; None before the first."""
 
     def judge(self, rank: int, stamp_ns: int) -> Literal["taken", "waits", "older"]:
-        """Gives whether a sample of source `rank`, measured at `stamp_ns`, is taken.
+        """Decides whether a sample of source `rank`, measured at `stamp_ns`, is taken.
 
-        `waits`: the sample has no turn. `older`: a sample as new or newer was taken before.
+        `waits`: it is not the source's turn. `older`: a sample as new or newer was taken before.
         """
         before = [s for s in self.newest[:rank] if s is not None]
         if before and stamp_ns <= max(before) + self.after_ns[rank]:
@@ -91,8 +91,8 @@ LeafPath = tuple[str, ...]
 class SignalSource:
     """A leaf that is `scale` * the value of the column or field `name` + `offset`.
 
-    Of a topic that is sent, the field is (leaf - `offset`) / `scale`. `assumed_unit`: the unit that
-    the program declares, if the field's is unknown. `turn`: a full turn of an angle, in its unit.
+    For a topic that is sent, the field is (leaf - `offset`) / `scale`. `assumed_unit` is the unit
+    in the program if the field's unit is unknown. `turn` is a full turn in the leaf's unit.
     """
 
     name: str
@@ -119,10 +119,10 @@ class SlopeSource:
 
 @dataclass(frozen=True)
 class NearestSource:
-    """A leaf with the distance or bearing of the nearest thing in a sensor_msgs/LaserScan.
+    """A leaf with the distance or bearing of the nearest object in a sensor_msgs/LaserScan.
 
-    `most`: the greatest distance; farther things count as this far. `unseen`: how many rays in a
-    row may have measured nothing; a message with more is not taken.
+    Objects farther than `most` count as this far. `unseen` is how many neighbouring rays may have
+    measured nothing; messages with more are not taken.
     """
 
     quantity: Literal["distance", "bearing"]
@@ -135,9 +135,9 @@ Leaf = SignalSource | ConstantSource | SlopeSource | NearestSource
 
 @dataclass(frozen=True)
 class QualityOfService:
-    """The quality of service of a topic in DDS; None: the default of the middleware.
+    """The quality of service of a topic in DDS; None means the default of the middleware.
 
-    `depth`: how many messages the history keeps, 0 for all.
+    `depth` is the number of messages that the history keeps, 0 for all.
     """
 
     reliability: Literal["best_effort", "reliable"] | None = None
@@ -150,13 +150,13 @@ class TopicMap:
     """A topic with the sources of all its leaves, or their targets, in declared order.
 
     `channel`: the channel of a bag or an MCAP, or the topic of a middleware; None for a CSV.
-    `linear`: floats go on along the line through the last two samples, for at most `gap_ns`.
-    `message`: the type of its messages, if the mapping names one. `stamp`: if None, ages count from
-    `delay_ns` before arrival, the longest time that a message may take to arrive. `frame_id`:
-    messages whose `header.frame_id` differs are not taken. `publisher`: the node that may publish,
-    as written. `constants`: constant fields of a message that is sent, by path. `qos`: only for a
-    topic of DDS. `promise`: only for one of several sources. `where`: rows of a log belong to the
-    topic if these columns or fields hold these texts. `clip`: the receiver clips the values.
+    `linear`: floats continue along the line through the last two samples, for at most `gap_ns`.
+    `message`: the message type, or None. If `stamp` is None, ages count from `delay_ns` before
+    arrival, the longest time that a message may take. `frame_id`: messages with another
+    `header.frame_id` are not taken. `publisher`: the only node that may publish. `constants`:
+    constant fields of a sent message, by path. `qos`: only for DDS. `promise`: only for one of
+    several sources. `where`: rows of a log belong to the topic if these columns or fields hold
+    these texts. `clip`: the receiver clips the values.
     """
 
     topic: Topic
@@ -192,7 +192,7 @@ class TopicMap:
 
     @property
     def assumed_units(self) -> list[str]:
-        """Gives a text for each leaf whose unit is assumed: neither field nor mapping names one."""
+        """Gives a text for each leaf whose unit is assumed, since nothing names the unit."""
         return [
             f"`{self.leaf_name(p)}` in `{x.assumed_unit}`"
             for p, x in self.leaves.items()
@@ -200,7 +200,7 @@ class TopicMap:
         ]
 
     def leaf_name(self, path: LeafPath) -> str:
-        """Gives the dotted name of a leaf: topic, then path."""
+        """Gives the dotted name of a leaf: the topic's name, then the leaf's path."""
         return ".".join((self.topic.name, *path))
 
 
@@ -208,10 +208,10 @@ class TopicMap:
 class LogMap:
     """A mapping that was checked against its system.
 
-    `topics`: records of one topic that follow each other are its sources, the preferred one first.
-    `time`: the column or field of time, LOG_TIME or PUBLISH_TIME; None: the log time of messages.
-    `time_ns`: the unit of time. `where`: rows count if these columns hold these texts, and if the
-    log's time is from `since_ns` to `until_ns`. `mavlink`: the link to an autopilot.
+    `topics`: consecutive records of the same topic are its sources, the preferred source first.
+    `time`: the column or field with the time, LOG_TIME or PUBLISH_TIME; None for messages' log
+    time. `time_ns`: the unit of time. A row counts only if the columns in `where` hold these texts,
+    and if its time is from `since_ns` to `until_ns`. `mavlink`: the link to an autopilot.
     """
 
     topics: tuple[TopicMap, ...]

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from soter.language.model.types import FloatType, leaves, show_ns
 from soter.mapping.frames import FRAMES, SAME, likely_frame, turn_between
 from soter.mapping.leaf_mapping_parser import LeafReader
-from soter.mapping.mapping_errors import is_number, unknown_name
+from soter.mapping.mapping_errors import is_number, unknown_name_message
 from soter.mapping.message_types import (
     INTEGERS,
     NUMBERS,
@@ -54,7 +54,7 @@ ALL = "all"
 
 
 def read_qos(row: Mapping[str, Any], problems: MappingProblems, where: str) -> QualityOfService:
-    """Reads the policies of DDS in a table; do not use the record if problems were added."""
+    """Reads the DDS policies in a table; the result is unusable if `problems` were added."""
     problems.note_unknown_keys(row, KEYS, where)
     return QualityOfService(
         _read_policy(row, "reliability", RELIABILITY, problems, where),
@@ -93,7 +93,7 @@ WHOLE = "value"
 def read_promise(
     table: Mapping[str, Any], rank: int, topic: Topic, problems: MappingProblems, name: str
 ) -> SourcePromise:
-    """Reads the promise in the table of a source; do not use it if problems were added."""
+    """Reads the promise of a source from its table; unusable if `problems` were added."""
     delayed = problems.positive_ns(table, "delayed", name) if "delayed" in table else 0
     after = 0
     if rank > 0:
@@ -107,7 +107,7 @@ def read_promise(
 def _errors_by_leaf(
     measured: Mapping[str, Any], topic: Topic, problems: MappingProblems, name: str
 ) -> dict[tuple[str, ...], float]:
-    """Gives the error of float leaves by path; a key that names a part counts for its leaves."""
+    """Gives the error of each float leaf by path; a key for a part applies to all its leaves."""
     floats = [path for path, t in leaves(topic.type) if isinstance(t, FloatType)]
     errors: dict[tuple[str, ...], float] = {}
     for key, error in measured.items():
@@ -116,7 +116,9 @@ def _errors_by_leaf(
         if not fitting:
             known = [".".join(path) or WHOLE for path in floats]
             problems.add(
-                unknown_name(f"`measured` of `{name}`: no float of the topic is", key, known)
+                unknown_name_message(
+                    f"`measured` of `{name}`: no float of the topic is", key, known
+                )
             )
         elif not is_number(error) or error < 0:
             problems.add(f"`{key}` in `measured` of `{name}` is no error, 0 or more: {error!r}")
@@ -126,10 +128,10 @@ def _errors_by_leaf(
 
 
 def problems_of_early_turns(name: str, promises: Sequence[SourcePromise]) -> Iterator[str]:
-    """Yields a problem for each source that may take over while an earlier one keeps its promise.
+    """Yields a problem for each source that may take over before an earlier one breaks its promise.
 
-    With an earlier source the topic may get as old as that source's `age_max_ns`, so a later source
-    must wait longer than that.
+    While an earlier source works, the topic may be as old as that source's `age_max_ns`; a later
+    source must wait for longer than that.
     """
     for promise in promises[1:]:
         patience = max(p.age_max_ns for p in promises[: promise.rank])
@@ -157,8 +159,8 @@ GREATEST = {"float32": 3.4028234663852886e38, "float64": sys.float_info.max}
 class TopicReader:
     """Reads the table of a topic, and notes mistakes in `problems`.
 
-    `types`: finds message types, None if the mapping names none. `frame`: the program's frame.
-    `delay_ns`: the time from measurement to arrival that the system declares (`delayed`).
+    `types` finds message types; it is None if the mapping names none. `frame` is the program's
+    frame. `delay_ns` is the time from measurement to arrival that the system declares (`delayed`).
     """
 
     def __init__(
@@ -173,7 +175,7 @@ class TopicReader:
         self.name, self.delay_ns = topic.name, delay_ns
 
     def read_maps(self, table: Mapping[str, Any]) -> tuple[TopicMap, ...]:
-        """Gives one record, or one for each source; do not use them if problems were added."""
+        """Gives a record for each source; the records are unusable if `problems` were added."""
         if "sources" not in table:
             self.problems.note_unknown_keys(table, (*TOPIC_KEYS, "sources"), f"`{self.name}`")
             return (self._read_topic_map(table),)

@@ -63,10 +63,10 @@ RATES = {LENGTH: SPEED, SPEED: ACCELERATION, ANGLE: TURN, TURN: "an angular acce
 
 
 def factor_between(unit: str, declared: str) -> float | None:
-    """Gives the factor from numbers in `unit` to numbers in `declared`; None if there is none.
+    """Gives the factor from numbers in `unit` to numbers in `declared`; None if they do not fit.
 
-    A `declared` unit of "" means SI. A `unit` that is not in UNITS (`m^2`, `Ah`) has the factor 1,
-    to itself and to ""; it has none to any other unit.
+    A `declared` unit of "" means SI. A `unit` that is not in UNITS (`m^2`, `Ah`) has the factor 1
+    to itself and to "", and fits no other unit.
     """
     if declared == unit:
         return 1.0
@@ -84,7 +84,7 @@ def full_turn(unit: str | None, declared: str) -> float:
 
 
 def _covariance_units(field: str, linear: str, mixed: str, angular: str) -> dict[str, str]:
-    """Gives the unit of each element of a row-major 6 x 6 covariance: 3 linear, 3 angular axes."""
+    """Maps elements of a 6 x 6 covariance (3 linear axes, then 3 angular) to their units."""
     units = (linear, mixed, angular)
     return {f"{field}.{6 * i + j}": units[i // 3 + j // 3] for i in range(6) for j in range(6)}
 
@@ -144,7 +144,7 @@ STANDARD_UNITS = {
 
 
 def standard_unit(message: MessageType, path: str) -> str | None:
-    """Gives the unit of a field from the outermost type that has one for it; None without one."""
+    """Gives a field's unit as set by the outermost type that sets it; None if no type does."""
     by_message = message.unit(path)
     if by_message is not None:
         return by_message

@@ -1,9 +1,9 @@
 """Steps of the trusted thread, timed one by one on this machine.
 
 Purpose: `time_steps` gives, for every component of the thread that is Soter code, the times of
-single steps, on states of a run (`sample_states`) and on copies of them in which what the component
-reads is drawn at random (`vary_states`), each with the processor's caches as they are and swept.
-`StepTimes` has the figures, and the `wcet` that they suggest.
+single steps, on states of a run (`sampled_states`) and on copies of them in which what the
+component reads is drawn at random (`varied_states`), each with the processor's caches as they are
+and swept. `StepTimes` has the figures, and the `wcet` that they suggest.
 Non-goals: bounds, which no measurement gives; random locals, which keep the values of the run.
 """
 
@@ -52,8 +52,8 @@ FAR = 1 << 31
 """Ints of a topic without a set are drawn from -FAR to FAR."""
 
 
-def sample_states(trace: Bytes, count: int) -> Bytes:
-    """At most `count` states of a trace, (n, size), evenly spread over it, as a copy."""
+def sampled_states(trace: Bytes, count: int) -> Bytes:
+    """A copy of at most `count` states, evenly spread over a trace (n, size)."""
     places = np.unique(np.linspace(0, len(trace) - 1, min(count, len(trace))).astype(int))
     states: Bytes = trace[places].copy()
     return states
@@ -69,12 +69,12 @@ def topics_read(system: System, c: Component) -> tuple[int, ...]:
     return tuple(sorted(topics - set(queues_read_by(system, c))))
 
 
-def vary_states(
+def varied_states(
     system: System, layout: StateLayout, c: Component, states: Bytes, count: int, rng: random.Random
 ) -> Bytes:
-    """`count` copies (count, size) of states (n, size), with random values of what `c` reads.
+    """`count` copies (count, size) of states (n, size), with random values for the reads of `c`.
 
-    Its topics take values of their sets, published at the time of the state. In one copy of eight
+    The topics get values of their sets, with stamps at the time of the state. In one copy of eight,
     all numbers are at an end of their sets, and lists are full.
     """
     variants: Bytes = states[[rng.randrange(len(states)) for _ in range(count)]].copy()
@@ -105,10 +105,10 @@ def _any_value(t: Type, bounds: Iterator[Bound | None], rng: random.Random, *, e
         n = t.capacity if ends else rng.randint(0, t.capacity)
         of = [next(bounds, None) for _ in leaves(t.element)]
         return tuple(_any_value(t.element, iter(of), rng, ends=ends) for _ in range(n))
-    return _any_scalar(t, next(bounds, None), rng, ends=ends)
+    return _random_scalar(t, next(bounds, None), rng, ends=ends)
 
 
-def _any_scalar(t: Type, bound: Bound | None, rng: random.Random, *, ends: bool) -> float | int:
+def _random_scalar(t: Type, bound: Bound | None, rng: random.Random, *, ends: bool) -> float | int:
     if isinstance(t, BoolType):
         return rng.random() < 0.5
     if isinstance(t, EnumType):
@@ -135,9 +135,9 @@ GRAIN_NS = 1_000
 
 @dataclass(frozen=True)
 class StepTimes:
-    """One component: percentiles and the longest of `samples` steps, in ns; how many faulted.
+    """The step times of one component in ns, from `samples` steps, of which `faulted` faulted.
 
-    `wcet_ns`: the longest time multiplied by the margin, in whole microseconds, as a suggestion.
+    `wcet_ns` is a suggestion: the longest time multiplied by a margin, in full microseconds.
     """
 
     name: str
@@ -164,9 +164,9 @@ def time_steps(
     seed: int,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[StepTimes, ...]:
-    """Times each component of the thread that is Soter code, on states of a `trace`, (n, size).
+    """Times each component of Soter code in the trusted thread, on states of `trace`, (n, size).
 
-    About `samples` steps of each: a quarter from states of the run, a quarter from varied ones, and
+    About `samples` steps each: a quarter from states of the run, a quarter from varied states, and
     both again with caches swept.
     """
     rng = random.Random(f"measure {seed}")  # noqa: S311 - states, not secrets
@@ -174,8 +174,8 @@ def time_steps(
     measured = []
     for k, c in enumerate(mine):
         quarter = max(1, samples // 4)
-        seen = sample_states(trace, quarter)
-        made_up = vary_states(made.system, made.layout, c, seen, quarter, rng)
+        seen = sampled_states(trace, quarter)
+        made_up = varied_states(made.system, made.layout, c, seen, quarter, rng)
         took: list[npt.NDArray[np.int64]] = []
         faulted = 0
         for states in (seen, made_up):
@@ -197,7 +197,7 @@ def timed_components(system: System) -> list[Component]:
 def step_times(
     system: System, c: Component, took: npt.NDArray[np.int64], faulted: int = 0, *, margin: float
 ) -> StepTimes:
-    """The summary of a component's measured times, (samples,) in ns; `faulted`: faulted steps."""
+    """The summary of a component's measured times (samples,) in ns; `faulted` of them faulted."""
     longest = int(took.max())
     if c.node is not None:
         declared = c.node.name

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Missing:
-    """A topic that the log does not give, and why no node can be run that publishes it."""
+    """A topic that the log does not have, and why no node that publishes it can run."""
 
     topic: str
     why: str
@@ -32,10 +32,10 @@ class Missing:
 
 @dataclass(frozen=True)
 class ReplayPlan:
-    """The nodes to run (component indices), the modules to decide, and what others miss.
+    """The nodes to run (component indices), the modules to decide, and the topics others miss.
 
-    By module: `missing`: topics that it misses to be decided; `blind`: unknown topics that `safe`
-    of a decided one reads; `unheard`: unknown topics of a press that would give control back.
+    By module: `missing` has the topics without which it cannot be decided. `blind` has unknown
+    topics that `safe` of a decided module reads. `unheard` has unknown topics of acknowledgements.
     """
 
     nodes: tuple[int, ...]
@@ -63,12 +63,12 @@ def replay_plan(system: System, mapped: Iterable[int]) -> ReplayPlan:
 
 
 def topics_of_safe(module: Module) -> set[int]:
-    """The topics that `safe` reads."""
+    """The indices of the topics that `safe` reads."""
     return {module.scope.topics[topic] for topic in topic_reads(module.symbol.safe)}
 
 
 def source_topics(system: System, nodes: Iterable[int], topics: Iterable[int]) -> set[int]:
-    """These topics, and all topics that `nodes` read to publish them, directly or indirectly."""
+    """The topics in `topics`, and all that `nodes` read, even indirectly, to publish them."""
     reads = {n: reads_of_node(system, system.components[n]) for n in nodes}
     writes = {n: writes_of_node(system.components[n]) for n in nodes}
     behind = {_topic_behind_queue(system, i) for i in topics}
@@ -78,7 +78,7 @@ def source_topics(system: System, nodes: Iterable[int], topics: Iterable[int]) -
 
 
 class _Search:
-    """Begins with all nodes and modules, and removes those that miss something."""
+    """Starts with all nodes and modules, and removes those with missing topics."""
 
     def __init__(self, system: System, mapped: frozenset[int]) -> None:
         self.system, self.mapped = system, mapped
@@ -92,11 +92,17 @@ class _Search:
         }
 
     def remove_undecidable(self) -> None:
-        """Removes nodes and modules that miss something, until nothing changes."""
+        """Removes nodes and modules with missing topics, until no more can be removed."""
         while True:
             have = self._known_topics()
-            nodes = {n for n in self.nodes if self.reads[n] <= have and self._has_modes_of_node(n)}
-            modules = {m for m in self.modules if not self._lacks_any(self.system.modules[m], have)}
+            nodes = {
+                n for n in self.nodes if self.reads[n] <= have and self._knows_modes_in_node(n)
+            }
+            modules = {
+                m
+                for m in self.modules
+                if not self._lacks_reads_or_modes(self.system.modules[m], have)
+            }
             if nodes == self.nodes and modules == self.modules:
                 return
             self.nodes, self.modules = nodes, modules
@@ -119,7 +125,7 @@ class _Search:
         have = self._known_topics()
         for name in self._extern_functions(module):
             missing_by_name[name] = Missing(name, "a function that is not Soter")
-        for other in _modules_of_modes(module.scope.modules, module.symbol.predicates):
+        for other in _modules_of_read_modes(module.scope.modules, module.symbol.predicates):
             if other not in self.modules and other != module.index:
                 name = self.system.modules[other].name
                 missing_by_name[name] = Missing(name, "whose mode it reads")
@@ -135,7 +141,7 @@ class _Search:
     # ------------------------------------------------------------ what is there
 
     def _known_topics(self) -> set[int]:
-        """The topics of the log and of nodes that run, and those that nobody ever changes."""
+        """The topics in the log, the topics of running nodes, and topics that never change."""
         nobody = {t.index for t in self.system.topics if not t.driver and t.queue_of is None}
         return {*self.mapped, *nobody}.union(*(self.writes[n] for n in self.nodes))
 
@@ -150,8 +156,8 @@ class _Search:
         assert c.node is not None
         return "which calls a function that is not Soter" if _extern_names(c.node.step) else ""
 
-    def _lacks_any(self, module: Module, have: set[int]) -> bool:
-        modes = _modules_of_modes(module.scope.modules, module.symbol.predicates)
+    def _lacks_reads_or_modes(self, module: Module, have: set[int]) -> bool:
+        modes = _modules_of_read_modes(module.scope.modules, module.symbol.predicates)
         others = modes - self.modules - {module.index}
         return bool(
             _topics_of_inputs(self.system, module) - have
@@ -162,10 +168,10 @@ class _Search:
     def _extern_functions(self, module: Module) -> list[str]:
         return _extern_names(module.symbol.predicates)
 
-    def _has_modes_of_node(self, n: int) -> bool:
+    def _knows_modes_in_node(self, n: int) -> bool:
         c = self.system.components[n]
         assert c.node is not None
-        return _modules_of_modes(c.scope.modules, (c.node.step,)) <= self.modules
+        return _modules_of_read_modes(c.scope.modules, (c.node.step,)) <= self.modules
 
     # ------------------------------------------------------------ why not
 
@@ -195,7 +201,7 @@ class _Search:
 
 
 def _topic_behind_queue(system: System, index: int) -> int:
-    """The topic that a queue is of; the topic itself where it is no queue."""
+    """The topic that a queue collects; the topic itself if it is no queue."""
     of = system.topics[index].queue_of
     return index if of is None else of
 
@@ -205,12 +211,12 @@ def _topics_of_inputs(system: System, module: Module) -> set[int]:
 
 
 def _reads_of_dm(system: System, module: Module) -> set[int]:
-    """The topics that a DM reads: its inputs, and the press after which it gives control back."""
+    """The topics that a DM reads: its inputs, and the topic of its acknowledgement."""
     return {_topic_behind_queue(system, i) for i in module.reads}
 
 
 def reads_of_node(system: System, c: Component) -> frozenset[int]:
-    """The topics that a node subscribes to; in place of a queue its topic."""
+    """The topics that a node subscribes to; for a queue, the topic that fills it."""
     assert c.node is not None
     return frozenset(_topic_behind_queue(system, i) for i in c.reads)
 
@@ -221,7 +227,7 @@ def writes_of_node(c: Component) -> frozenset[int]:
     return frozenset(c.scope.topics[topic] for topic in c.node.publishes)
 
 
-def _modules_of_modes(known: dict, code: tuple) -> set[int]:  # type: ignore[type-arg]
+def _modules_of_read_modes(known: dict, code: tuple) -> set[int]:  # type: ignore[type-arg]
     """The indices of the modules whose mode this code reads."""
     return {known[m] for m in mode_reads(*code) if m in known}
 

@@ -26,10 +26,10 @@ LEAST = 3
 
 
 def window_slopes(times_s: Floats, values: Floats, window_s: float) -> Floats:
-    """The slope at each sample of the least-squares parabola over the window that ends there.
+    """The slope at each sample of the least-squares parabola over the window up to the sample.
 
-    times_s, values: (n,), times ascending; gives (n,). Where the window holds fewer than three
-    samples the last three are taken, or the first two with a line. NaN at the first sample.
+    times_s, values and the result have shape (n,); times ascend. If the window has fewer than three
+    samples, the last three are taken, or the line through the first two. The first slope is NaN.
     """
     derivatives = np.full(len(times_s), np.nan)
     first = np.searchsorted(times_s, times_s - window_s * (1 + 1e-9), side="left")
@@ -39,15 +39,15 @@ def window_slopes(times_s: Floats, values: Floats, window_s: float) -> Floats:
     return derivatives
 
 
-def least_angle(values: Sequence[float], turn: float) -> float:
-    """The least angle of the one turn in which all values lie: -turn/2, 0 or another; else NaN."""
+def begin_of_turn(values: Sequence[float], turn: float) -> float:
+    """The begin of a turn that contains all values: -turn/2, 0 or another; NaN if none does."""
     low, high, slack = min(values), max(values), ROUNDED * turn
     begins = (-turn / 2, 0.0, (low + high - turn) / 2) if math.isfinite(turn) else ()
     return next((a for a in begins if a - slack <= low and high <= a + turn + slack), math.nan)
 
 
 def value_on_line(a: float, b: float, share: float, turn: float, begin: float) -> float:
-    """The value on the line from a to b, extended beyond b by `share` of the way between them."""
+    """The value at b + `share` (b - a), in the turn that starts at `begin` if it is an angle."""
     x = b + share * math.remainder(b - a, turn)
     return x if math.isnan(begin) or 0 <= x - begin <= turn else begin + (x - begin) % turn
 
@@ -76,9 +76,9 @@ def _determinant(
 
 
 def slope_errors(times_s: Floats, values: Floats, window_s: float, derivatives: Floats) -> Floats:
-    """How far the slopes are from those over half the window; times_s, values, derivatives: (n,).
+    """Differences of slopes from slopes over half the window; times_s, values, derivatives: (n,).
 
-    Samples for which both windows hold the same samples say nothing and are left out.
+    Samples for which both windows contain the same samples are left out.
     """
     half = window_slopes(times_s, values, window_s / 2)
     gaps = np.abs(derivatives - half)
@@ -86,11 +86,7 @@ def slope_errors(times_s: Floats, values: Floats, window_s: float, derivatives: 
 
 
 def line_errors(times_s: Floats, values: Floats, gap_s: float) -> Floats:
-    """How far samples are off the line through the two before them, (m,): times_s, values (n,).
-
-    A line is used until the next sample, so its error is hardly ever larger. Only samples that
-    follow one another within `gap_s` count.
-    """
+    """Distances of samples from the line through the two before, (m,); times_s, values: (n,)."""
     if len(times_s) < LEAST:
         return np.zeros(0)
     steps = np.diff(times_s)
@@ -100,7 +96,7 @@ def line_errors(times_s: Floats, values: Floats, gap_s: float) -> Floats:
 
 
 def error_quantiles(errors: Floats) -> tuple[float, float, float] | None:
-    """The 50 %, 95 % and 100 % quantiles of errors (n,); None if there are no errors."""
+    """The 50 %, 95 % and 100 % quantiles of errors (n,); None if `errors` is empty."""
     if not len(errors):
         return None
     low, high, most = np.quantile(errors, [0.5, 0.95, 1.0])

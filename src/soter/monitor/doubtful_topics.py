@@ -28,7 +28,7 @@ ANOTHER_PACE = 300.0
 
 
 def doubt_notes(system: System, samples: Iterable[TopicSamples]) -> list[str]:
-    """Notes for people on the topics of a log that are in doubt, a sentence each."""
+    """Sentences for people about the doubtful topics of a log."""
     texts = []
     for s in samples:
         if not s.is_constant and is_measured(system, s.topic.index):

@@ -78,7 +78,7 @@ def origin_line(
 
 
 def model_fingerprint(problem: Problem) -> str:
-    """SHA-256, in hexadecimal, of all that determines a monitor; SoterError U001 if not affine."""
+    """The SHA-256 in hexadecimal of all that determines a monitor; raises U001 if not affine."""
     cases = []
     for parameter in product(*(p.values for p in problem.parameters)):
         m = linear_model(problem, parameter)
@@ -118,7 +118,7 @@ def stale_monitors(checked: CheckResult) -> list[Diagnostic]:
 
 
 def _other_system_warnings(checked: CheckResult, file: LoadedFile) -> list[Diagnostic]:
-    """Warnings of systems with this monitor whose `set` gives its module another model."""
+    """Warnings for systems with this monitor whose `set` changes the model of the module."""
     text = file.source.text
     line = text[text.index(RECORD) + len(RECORD) :].split("\n", 1)[0]
     made_of = json.loads(line)
@@ -197,7 +197,7 @@ def _fingerprint_now(
     module: str,
     params: Mapping[str, object],
 ) -> str:
-    """The fingerprint of a module in the program as it is now; SoterError if it has none."""
+    """The fingerprint of a module in the program as it is now; raises SoterError if it has none."""
     program = checked.program
     assert program is not None
     named = {n: s for n, s in program.systems.items() if n == watched.prefix + system}
@@ -234,11 +234,11 @@ NODE = "ModelMonitor"
 def monitor_source(
     problem: Problem, imported: str, names: dict[int, str], alarm: str | None, record: str
 ) -> str:
-    """The text of a file with the monitor's node; SoterError U001 where there can be none.
+    """The text of a file with the monitor's node; raises SoterError U001 if it cannot be written.
 
-    `imported`: path of the program, for the `import`; `names`: by topic index its name, with the
-    alias `watched.`; `alarm`: a bool topic of the program to publish, or None for a new one;
-    `record`: the line that says what the monitor is made of.
+    `imported` is the path of the program in `import`. `names` maps topic indices to names with the
+    alias `watched.`. `alarm` is the program's bool topic to publish, or None for a new topic.
+    `record` is the line of `origin_line`.
     """
     lines = [
         *_head_lines(problem, imported, alarm, record),
@@ -272,12 +272,12 @@ def _head_lines(problem: Problem, imported: str, alarm: str | None, record: str)
 
 
 def _delay_comments(problem: Problem) -> list[str]:
-    """Comments that say after how long, at most, a constant disturbance beyond its bound alarms.
+    """Comments with the longest time until a constant excess of a disturbance raises the alarm.
 
-    For a state x' = -k x + known + w with |w| <= W, estimated within an error E: a disturbance
-    W + d moves the true x from the end of the box, which is at most 2 E away, so far that every
-    estimate lies outside the box: d / k (1 - e^-kT) > 2 E (1 + e^-kT). So the time T is at most
-    2 / k atanh(2 E k / d), or 4 E / d for k = 0.
+    For a state x' = -k x + known + w with |w| <= W, estimated within an error E: a disturbance W +
+    d moves the true x from the end of the box, which is at most 2 E away, so far that every
+    estimate lies outside the box: d / k (1 - e^-kT) > 2 E (1 + e^-kT). So the time T is at most 2 /
+    k atanh(2 E k / d), or 4 E / d for k = 0.
     """
     if problem.kind != "flow" or problem.parameters:
         return []
@@ -381,7 +381,7 @@ def _case_lines(
 
 
 def _interval_end_code(predicted: str, seen: str, meet: str) -> str:
-    """The code of an interval's end after a step: the tighter of both, after an alarm `seen`."""
+    """The code of an end of an interval after a step: the tighter end, or `seen` after an alarm."""
     return f"!seen ? {predicted} : known && !alarmed ? {meet}({predicted}, {seen}) : {seen}"
 
 
@@ -422,12 +422,12 @@ def write_monitor(
     alarm: str | None,
     params: Mapping[str, object] | None,
 ) -> Path:
-    """Writes the monitor as a trusted node that imports `program`; gives `target`.
+    """Writes the monitor as a trusted node that imports `program`; gives the path `target`.
 
-    `alarm`: a bool topic of the program; `params`: what the system was made with.
+    `alarm` is a bool topic of the program; `params` are the parameters of the system.
 
-    `SoterError` U001 where there is no such monitor, R... where the program does not determine the
-    problem, D006 where the file cannot be written, N001, T... where `alarm` is no such topic.
+    Raises SoterError U001 if such a monitor cannot be written, R... if the program does not
+    determine the problem, D006 if the file cannot be written, N001 or T... for a wrong `alarm`.
     """
     problem = problem_of_sets(system, module)
     names = {

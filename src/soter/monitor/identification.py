@@ -51,7 +51,7 @@ STILL = 1e-9
 
 @dataclass(frozen=True)
 class Episode:
-    """One recorded run that counts as one draw; `name` says which log it is from, and from when."""
+    """A recorded run that counts as one draw; `name` says from which log, and from which time."""
 
     name: str
     record: RecordedRun
@@ -82,10 +82,10 @@ class EpisodeAlarm:
 class Identification:
     """The result of a fit: `values` of the parameters that the episodes determine.
 
-    `kept`: open parameters that the episodes do not determine. `held_out`: the number N of held-out
-    episodes. `factor`: by how much the bounds of the training half had to grow for these, 1 or less
-    if not at all. `excitation`: by command the share of its set that it used, 0 or 1 of an endless
-    set. `alarm`: None if every step is explained. `ranges`: the limits of each open parameter.
+    `kept`: the other open parameters. `held_out`: the number N of held-out episodes. `factor`: by
+    how much the bounds of the training half had to grow for these; 1 or less if they did not.
+    `excitation`: the share of its set that each command used; 0 or 1 if the set is endless.
+    `alarm`: None if all steps are explained. `ranges`: the limits of each open parameter.
     """
 
     values: Mapping[str, float]
@@ -107,12 +107,12 @@ class Identification:
 
     @property
     def rate(self) -> float:
-        """1/(N+1): the greatest probability that a new episode, drawn alike, is not explained."""
+        """1/(N+1): the greatest probability that a new episode, drawn alike, has an alarm."""
         return 1 / (self.held_out + 1)
 
     @property
     def never_excited(self) -> tuple[str, ...]:
-        """The commands that moved in no episode."""
+        """The commands that were constant in every episode."""
         return tuple(n for n, share in self.excitation.items() if share <= STILL)
 
 
@@ -124,10 +124,10 @@ def identified_parameters(
     estimates: bool,
     truths: bool,
 ) -> Identification:
-    """Fits `parameters` (`open_parameters`) to episodes, every second of which is held out.
+    """Fits `parameters` (`open_parameters`) to the episodes, and holds every second one out.
 
-    `pose`: gives the modules at values of parameters; `estimates`, `truths`: as of `judge_run`.
-    SoterError U001 where the monitor judges nothing of an episode, D007 without SciPy.
+    `pose` gives the modules for parameter values; `estimates`, `truths`: see `judge_run`. Raises
+    SoterError U001 if the monitor judges no step of an episode, D007 without SciPy.
     """
     start = {p.name: p.start for p in parameters}
     fit = _Fit(pose, parameters, estimates=estimates, truths=truths)
@@ -169,7 +169,7 @@ def open_parameters(
 ) -> list[OpenParameter]:
     """The parameters that plants, bounds or errors depend on, with `bound` set for bounds.
 
-    `named`: each was asked for, so one that nothing depends on is an error. SoterError U001.
+    `named`: the user asked for each of them. Raises SoterError U001 if nothing depends on one.
     """
     start = {p.name: p.start for p in declared}
     found = [(p, _classified_parameter(pose, p, start)) for p in declared]
@@ -189,7 +189,7 @@ def _first_alarm(episode: Episode, j: Judgement) -> EpisodeAlarm:
 def _classified_parameter(
     pose: Callable[[Mapping[str, float]], Posed], p: OpenParameter, start: Mapping[str, float]
 ) -> OpenParameter | None:
-    """The parameter, marked if it is a bound; None if no problem depends on it."""
+    """The parameter, marked if it is a bound; None if no plant, bound or error depends on it."""
     wider = min(2 * p.start, p.high) if p.start > 0 else p.high
     narrower = ((p.low + p.start) / 2, p.start / 2 or 1.0)
     other = next(v for v in (wider, *narrower) if v != p.start and np.isfinite(v))
@@ -252,7 +252,7 @@ class _Fit:
     def judgements(
         self, values: Mapping[str, float], episodes: Sequence[Episode]
     ) -> Iterator[Judgement]:
-        """The monitor's judgements of episodes; SoterError U001 where it judges nothing of one."""
+        """The monitor's judgements of episodes; raises U001 if it judges no step of an episode."""
         for flat, module, problem in self.pose(values):
             models, how = Models(problem), {"estimates": self._estimates, "truths": self._truths}
             for e in episodes:
@@ -265,7 +265,7 @@ class _Fit:
     def fitted_model(
         self, start: Mapping[str, float], training: Sequence[Episode], without: Sequence[str] = ()
     ) -> tuple[dict[str, float], list[str]]:
-        """The least-squares parameters of the model, and those that offsets do not determine."""
+        """The least-squares parameters of the model, and names of those that stay undetermined."""
         free = [p for n, p in self.known.items() if not p.bound and n not in without]
         start = {**start, **{n: self.known[n].start for n in without}}
         if not free:
@@ -299,7 +299,7 @@ class _Fit:
     def scaled_bounds(
         self, values: Mapping[str, float], names: Sequence[str], factor: float
     ) -> dict[str, float]:
-        """The values of these bounds times a factor, cut to their ranges."""
+        """The bounds in `names`, multiplied by `factor` and cut to their ranges."""
         known = self.known
         return {n: min(max(values[n] * factor, known[n].low), known[n].high) for n in names}
 
@@ -308,8 +308,8 @@ class _Fit:
     ) -> float | None:
         """The least factor of these bounds with which the monitor explains all episodes.
 
-        `FLOOR` where the least bounds that the ranges permit explain them, or there is no bound;
-        None where the greatest do not.
+        `FLOOR` if the least permitted bounds explain them, or if `names` is empty; None if even the
+        greatest bounds do not.
         """
 
         def explains_all(factor: float) -> bool:
@@ -334,10 +334,10 @@ class _Fit:
     def shrink_bounds(
         self, values: dict[str, float], training: Sequence[Episode]
     ) -> list[str] | None:
-        """Puts the least bounds that explain `training` into `values`; names the needed ones.
+        """Writes the least bounds that explain `training` into `values`; gives the needed bounds.
 
-        All bounds are first scaled by one factor, then each by itself, in their declared order. A
-        bound that is not needed stays as declared. None: no bounds explain the episodes.
+        All bounds are first scaled by one factor, then one after another, in declared order. An
+        unneeded bound stays as declared. None if no bounds explain the episodes.
         """
         factor = self.least_factor(values, self.bounds, training)
         if factor is None:
@@ -354,7 +354,7 @@ class _Fit:
 
 
 def _scipy_least_squares() -> Callable[..., Any]:
-    """SciPy's `least_squares`; SoterError D007 where SciPy is not installed."""
+    """SciPy's `least_squares`; raises SoterError D007 where SciPy is not installed."""
     try:
         from scipy import optimize  # noqa: PLC0415 - an extra, slow to import
     except ModuleNotFoundError:

@@ -58,7 +58,7 @@ class LinearModel:
 
 @dataclass(frozen=True)
 class AffineStep:
-    """A step of a plant: x(h) = phi x + gamma u + c, with an error of up to reach in each state."""
+    """A step of a plant: x(h) = phi x + gamma u + c, with an error of at most `reach` per state."""
 
     phi: Floats
     gamma: Floats
@@ -84,7 +84,7 @@ class Plants:
     def _environments(
         self, x: Floats, u: Floats, d: Floats, parameter: Sequence[int]
     ) -> dict[int, Any]:
-        """The environment of each plant by its index; topics but the controls have defaults."""
+        """The environments of the plants by component index; uncontrolled topics have defaults."""
         system = self.problem.system
         topics = [t.default for t in system.topics]
         for leaf, value in zip(self.controls, u, strict=True):
@@ -139,7 +139,7 @@ class Plants:
         )
 
     def driven_outputs(self, x: Floats, parameter: Sequence[int]) -> Floats:
-        """The values of the driven float leaves (`driven_leaves`) at `x` (states,): (leaves,)."""
+        """The driven float leaves (leaves,) at state x (states,), ordered as `driven_leaves`."""
         values = self._driven_topics(x, parameter)
         topics = self.problem.system.topics
         outputs = [leaf_number(topics[t].type, values[t], path) for t, path in self.driven]
@@ -187,7 +187,7 @@ def value_with_leaf(t: Type, value: Value, path: Sequence[str], new: Value) -> V
 
 
 def linear_model(problem: Problem, parameter: Sequence[int]) -> LinearModel:
-    """Finds the matrices of the plants; SoterError U001 where one of them is not affine."""
+    """Finds the matrices of the plants; raises SoterError U001 if a plant is not affine."""
     plants = Plants(problem)
     n, m, k = (len(p) for p in (plants.states, plants.controls, plants.disturbances))
     zero = np.zeros(n + m + k)
@@ -266,7 +266,7 @@ def discretised_step(model: LinearModel, h: float) -> AffineStep:
 
 
 def parameter_leaves(problem: Problem) -> list[tuple[int, tuple[str, ...]]]:
-    """The leaf of a driven topic that equals each parameter; SoterError U001 if one has none."""
+    """For each parameter, the driven leaf that equals it; raises U001 if no leaf equals it."""
     plants = Plants(problem)
     cases = list(product(*(p.values for p in problem.parameters)))
     leaf_paths: list[tuple[int, tuple[str, ...]]] = []

@@ -50,7 +50,7 @@ class LoggedModeChange:
 
 @dataclass(frozen=True)
 class NearestMargin:
-    """The least `distance` of a condition from failing, below 0 if it failed; `bound`: its text."""
+    """The least `distance` of a condition from failing (< 0: it failed); `bound` is its text."""
 
     distance: float
     time_s: float
@@ -59,23 +59,23 @@ class NearestMargin:
 
 @dataclass
 class ModuleOfLog:
-    """What one module's DM would have decided on the reads of a log.
+    """The decisions that one module's DM would have made on the reads of a log.
 
     `missing`: topics without which nothing can be decided; all else is then empty. `unheard`:
-    topics that let the DM give control back and that the log does not have.
-    Numbers of the DM's steps: `waiting` before all its reads had come, `steps` after that. Of these
-    a read was too old in `stale`, and in `fresh` none; `ttf`, `safer` and `nan_looks` (one of the
-    two compared a NaN) count fresh steps. In `silent` steps the reads were young enough, but not
-    those of nodes before the DM, or a measured topic without `max_age` had fallen silent.
-    `last_heard`: the last measurement, in s, of each topic that fell silent for good.
-    `safe` was asked in `asked` steps, whose reads for it were young enough; in `judged_steps` of
-    these the DM's were, too; in `outside` it did not hold. `outside_late`: the times that it did
-    not hold of samples that came too late, that the gate refused, or that no step read.
-    `faults`: of predicates. `beyond_s`: how long the file goes on after the last chosen row.
-    `damage`: the damage at which judging ended. `margin`: the least distance of `ttf` from holding.
-    `clearance`: that of `safe` from failing. Each is None if nothing was read, or for `safe` if
-    `blind` names topics that it reads and the log does not have. `bounds`: the least distance of
-    each comparison of `ttf`. `span`: where the module is declared. `times`: what `safe` compared.
+    topics of the acknowledgement that the log does not have. Counts of the DM's steps: `waiting`
+    before all its reads had come, `steps` after that. Of these, a read was too old in `stale`, and
+    none in `fresh`; `ttf`, `safer` and `nan_looks` (one of the two compared a NaN) count fresh
+    steps. In `silent` steps the DM's reads were young enough, but not the reads of nodes before the
+    DM, or a measured topic without `max_age` had fallen silent. `last_heard`: the last measurement,
+    in s, of each topic that fell silent for good. `safe` was asked in `asked` steps, whose reads
+    for it were young enough; in `judged_steps` of these, the DM's reads were too; in `outside` it
+    did not hold. `outside_late`: how often it did not hold of samples that came too late, were
+    refused by the gate, or were read by no step. `faults`: of predicates. `beyond_s`: for how long
+    the file continues after the last chosen row. `damage`: the damage at which judging ended.
+    `margin` and `clearance`: the least distance of `ttf` from holding, and of `safe` from failing;
+    None if nothing was read, or if `blind` names topics of `safe` that the log does not have.
+    `bounds`: the least distance of each comparison of `ttf`. `span`: the module's declaration.
+    `times`: the values that `safe` compared.
     """
 
     module: str
@@ -114,7 +114,7 @@ class ModuleOfLog:
 
     @property
     def judged(self) -> bool:
-        """Whether a step was judged: its reads were young enough, and `safe` was asked of them."""
+        """Whether any step was judged: its reads were young enough to ask `safe` about them."""
         return self.judged_steps > 0
 
     @property
@@ -124,12 +124,12 @@ class ModuleOfLog:
 
     @property
     def violated(self) -> bool:
-        """Whether `safe` did not hold of a read; reads that came too late alone are no verdict."""
+        """Whether `safe` failed on a read; late reads count only if a step was judged as well."""
         return self.outside > 0 or (self.judged and self.outside_late > 0)
 
     @property
     def why_unjudged(self) -> str:
-        """The reason why no step was judged, in words; "" if one was."""
+        """The reason, in words, why no step was judged; "" if some step was judged."""
         if self.judged:
             return ""
         if self.missing:
@@ -156,7 +156,7 @@ class ModuleOfLog:
 
     @property
     def first_switch_s(self) -> float | None:
-        """The time at which AC would first have lost control; None where it would have kept it."""
+        """The time at which AC would first have lost control; None if AC would have kept it."""
         return self.switches[0].time_s if self.switches else None
 
     @property
@@ -166,25 +166,25 @@ class ModuleOfLog:
 
 
 def unit_notes(assumed_units: Sequence[str]) -> list[str]:
-    """The assumption, if any, that leaves without a stated unit are in the program's units."""
+    """The assumption, if any, that leaves of unknown unit are in the program's units."""
     text = "neither the mapping nor a message says a unit, the program's is taken: "
     return [text + ", ".join(assumed_units)] if assumed_units else []
 
 
 @dataclass
 class LogJudgement:
-    """The judgement of a log. Times count from its first row.
+    """The judgement of a log; times count from the log's first row.
 
-    `from_s`: the first step of a DM; `to_s`: the last record of the log, of any channel.
-    `nodes`: the program's nodes that ran for the DMs' reads; `faulted`: those that faulted.
-    `forced`: modules whose mode the system forces. By topic: `stamps`: the field that says when it
-    was measured; `sources`: how many samples each of several sources gave; `left_out`, `refused`:
-    how many samples had no usable value, or lay outside the topic's set, and the first; `reasons`:
-    the same for each reason of leaving out; `far_stamps`: the stamps that are further from the
-    log's clock than the log is long; `ageless`: the greatest age, in ns, of a read of a topic
-    without `max_age`. `lost`: in words what was left out, and far stamps. `assumed_units`: units
-    that are assumed as nobody says them. `notes`: findings on the file that are no errors;
-    `unchecked`: whether no checksum covers a part of it.
+    `from_s`: the first step of a DM; `to_s`: the last record of the log, on any channel. `nodes`:
+    the program's nodes that ran for the DMs' reads; `faulted`: those that faulted. `forced`:
+    modules whose mode the system forces. By topic: `stamps`: the field with the time of
+    measurement; `sources`: the number of samples of each source; `left_out`, `refused`: how many
+    samples had no usable value, or lay outside the topic's set, and the first of them; `reasons`:
+    the same for each reason of leaving out; `far_stamps`: stamps that differ from the log's clock
+    by more than the log's length; `ageless`: the greatest age, in ns, of a read of a topic without
+    `max_age`. `lost`: left-out samples and far stamps, in words. `assumed_units`: units that are
+    assumed because nobody states them. `notes`: findings that are no errors; `unchecked`: a part of
+    the file has no checksum.
     """
 
     log: str

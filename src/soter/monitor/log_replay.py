@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from soter.language.evaluate.arithmetic import StepFault
 from soter.monitor.decidable_modules import source_topics, topics_of_safe, writes_of_node
 from soter.monitor.doubtful_topics import doubt_notes
-from soter.monitor.log_files.log_columns import unusable
+from soter.monitor.log_files.log_columns import unusable_log_error
 from soter.monitor.log_judgement import LogJudgement, ModuleOfLog
 from soter.monitor.module_watch import ModuleWatch
 from soter.monitor.topics_heard import TopicsHeard
@@ -51,10 +51,10 @@ def replay_log(
     log: str,
     progress: Callable[[float], None] | None = None,
 ) -> LogJudgement:
-    """Steps all nodes and DMs of `plan` over the log; `progress` gets the share that is done.
+    """Steps all nodes and DMs of `plan` over the log; `progress` gets the finished share.
 
-    Changes `system`: it forces no modes any more, so that those DMs decide, too; and it declares no
-    faults any more, as the log already has those that happened.
+    Changes `system`: it no longer forces modes, so that all DMs decide, and no longer declares
+    faults, since the log already contains the faults that happened.
     """
     forced = _clear_forced_modes_and_faults(system)
     interpreter = Interpreter(system, 0, _unused_externs(system))
@@ -125,7 +125,7 @@ def _empty_judgement(
 
 
 def _unused_externs(system: System) -> dict[str, object]:
-    """The externs of a system by name, each replaced by a function that is never called."""
+    """Maps the name of each extern of a system to a function that is never called."""
 
     def refuse(*_: object) -> object:
         raise AssertionError("a replay of a log asks no extern")
@@ -153,7 +153,7 @@ def _require_bounded_steps(system: System, plan: ReplayPlan, length_ns: int, log
     parts = [system.components[system.modules[m].dm] for m in plan.modules]
     steps = sum(length_ns // c.period_ns for c in parts)
     if steps > STEPS_MAX:
-        raise unusable(
+        raise unusable_log_error(
             Path(log),
             f"it spans {length_ns / 1e9:,.0f} s, {steps:,} decisions",
             "does its clock jump? is `unit` of `time` right?",
@@ -162,7 +162,7 @@ def _require_bounded_steps(system: System, plan: ReplayPlan, length_ns: int, log
 
 
 class _LogState:
-    """The state of a system while a log is replayed; times `ct` count from the first judged one."""
+    """The state of a system during a log's replay; times `ct` count from the first judged time."""
 
     def __init__(
         self,
@@ -269,7 +269,7 @@ class _LogState:
             self.c = environment_input(self.machine, self.c, topic.index, value, time_ns)
 
     def _ask_safe_of_sample(self, c: Configuration, topic: int, modules: set[int]) -> None:
-        """Asks `safe` of these modules about a sample that no step of their DMs reads."""
+        """Asks `safe` of these modules about a sample that no step of a DM reads."""
         for m in modules:
             if topic in self.safe_topics[m] and all(
                 c.stamps[i] != NEVER for i in self.safe_topics[m]
@@ -319,7 +319,7 @@ class _LogState:
 
 
 def _publishing_component(system: System, topic: int) -> int:
-    """The component that publishes a mapped topic in flight; -1 for an input, which comes first."""
+    """The index of the component that publishes a mapped topic in flight; -1 for an input."""
     for c in system.components:
         if topic in c.writes:
             return c.index
@@ -331,7 +331,7 @@ def _is_due(n: Component, ct: int) -> bool:
 
 
 class _Feed:
-    """Gives a topic's samples in the order of arrival; times count from the first judged one."""
+    """Gives a topic's samples in order of arrival; times count from the first judged time."""
 
     def __init__(self, samples: TopicSamples, from_ns: int) -> None:
         self.samples, self.from_ns = samples, from_ns
@@ -343,7 +343,7 @@ class _Feed:
             yield from self._samples_up_to(bisect_left(self.samples.times_ns, ct + self.from_ns))
 
     def samples_until(self, ct: int) -> Iterator[tuple[int, object]]:
-        """Gives the next samples up to `ct`; of lines and constants, their value at `ct`."""
+        """Gives the next samples up to `ct`; for lines and constants, only the value at `ct`."""
         if self.samples.is_constant:
             yield ct, self.samples.values[0]
         elif self.samples.linear:

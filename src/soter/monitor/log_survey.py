@@ -25,7 +25,7 @@ from soter.monitor.log_files.log_columns import (
     is_plain_number,
     no_time_error,
     parse_decimal,
-    unusable,
+    unusable_log_error,
 )
 from soter.monitor.log_files.read_columns import (
     READERS,
@@ -67,7 +67,7 @@ UNITS = ((1e16, "ns", 1), (1e13, "us", 10**3), (1e10, "ms", 10**6), (-inf, "s", 
 
 
 class _EveryChannel(dict[str, Wanted]):
-    """A mapping in which every channel is wanted, with all that it has."""
+    """A mapping in which every channel is wanted, with all of its parts."""
 
     def __contains__(self, channel: object) -> bool:
         return True
@@ -90,7 +90,7 @@ class Numbers:
     kind: str = "bool"
 
     def note_number(self, value: Any) -> None:  # noqa: ANN401 - a number or a truth
-        """Counts one more value."""
+        """Counts one more number of the field."""
         if not isfinite(value):
             self.kind = "float"
             return
@@ -107,10 +107,10 @@ class Numbers:
 class Channel:
     """A summary of the messages of a channel.
 
-    `late_ns`: how long after its stamp each message was logged; -1: no stamp in the log's clock.
-    `masks`: an index for each set of fields (a bit a field) that had numbers in one message;
-    `held`: the index of each message's set. `back`: how often time goes back; `first_back_ns`: to
-    when at first. `typed`: whether the file gives types to its numbers; CSV and JSON do not.
+    `late_ns`: how long after its stamp each message was logged; -1 without a stamp in the log's
+    clock. `masks`: the sets of fields (a bit per field) with numbers in one message; `held`: the
+    index of each message's set. `back`: how often time goes back; `first_back_ns`: to when, the
+    first time. `typed`: the file gives types to its numbers, unlike CSV and JSON.
     """
 
     times_ns: array[int] = field(default_factory=lambda: array("q"))
@@ -124,7 +124,7 @@ class Channel:
     typed: bool = True
 
     def type_of_field(self, path: str) -> str:
-        """The type of a field; untyped whole numbers are floats, unless name or size say `int`."""
+        """The type of a field; an untyped int is a float unless its name or size shows an int."""
         n = self.fields[path]
         counts = self.typed or COUNTED.search(path) or max(-n.low, n.high) >= FLOAT_END
         return n.kind if counts or n.kind != "int" else "float"
@@ -153,7 +153,7 @@ class Channel:
 
     @property
     def is_stamped(self) -> bool:
-        """Whether every message says when it was measured, in the clock of the log."""
+        """Whether every message has a stamp of its measurement, in the clock of the log."""
         return min(self.late_ns, default=-1) >= 0
 
     @property
@@ -189,7 +189,7 @@ class Channel:
         return sorted(b - a + late for (a, late), (b, _) in pairwise(self.taken_samples) if b >= a)
 
     def proposed_max_age_ns(self) -> int:
-        """The drafted `max_age`: two periods or the age of 99 % of the samples; 0: no period."""
+        """The drafted `max_age`: two periods, or the age of 99 % of the samples; 0 if aperiodic."""
         ages, gaps = self.sorted_ages_ns(), self.sorted_gaps_ns()
         if not gaps or median(gaps) <= 0:
             return 0
@@ -198,7 +198,7 @@ class Channel:
 
 @dataclass
 class LogSurvey:
-    """The findings on a log, by channel; `time`: the name and unit of a CSV's time column."""
+    """The findings on a log by channel; `time` is the name and unit of a CSV's time column."""
 
     channels: dict[str, Channel] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -206,12 +206,12 @@ class LogSurvey:
 
 
 def survey_of_logs(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey:
-    """Surveys every channel of a log, or of several CSVs; SoterError D016, D007."""
+    """Surveys every channel of a log, or of several CSVs; raises SoterError D016, D007."""
     found = LogSurvey()
     for path in paths:
         facts = FileFacts()
         if len(paths) > 1 and not is_csv(path):
-            raise unusable(
+            raise unusable_log_error(
                 path, "of several files that are one log each is a CSV, and this is none"
             )
         for now_ns, _, name, content in facts.readable_rows(
@@ -224,7 +224,7 @@ def survey_of_logs(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey
         if facts.damage is not None:
             found.notes.append(f"{facts.damage}; {facts.damage.told}")
     if not any(c.kept_fields for c in found.channels.values()):
-        raise unusable(paths[0], "it holds no numbers")
+        raise unusable_log_error(paths[0], "it holds no numbers")
     return found
 
 
@@ -233,12 +233,12 @@ def _log_rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrive
 
 
 def _csv_rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
-    """The rows of a CSV; its time is the first column with a name of times, in a unit that fits."""
+    """The rows of a CSV; the first column with a name for times is the time."""
     head = csv_column_names(path)
     called = next((m for name in head if (m := TIME_COLUMN.fullmatch(name))), None)
     if called is None:
         message = f"no column is called as a time is: {', '.join(head)[:200]}"
-        raise unusable(path, message, *first_line_helps(head), TIME_NAMED)
+        raise unusable_log_error(path, message, *first_line_helps(head), TIME_NAMED)
     time, unit_ns = called[0], 0
     for line, (clock,), row in csv_rows(path, head, time, facts):
         now = parse_decimal(clock)
@@ -247,7 +247,9 @@ def _csv_rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrive
         if not unit_ns:
             unit, unit_ns = _time_unit(TIME_UNITS.get(called[2] or ""), now)
             if found.time not in (None, (time, unit)):
-                raise unusable(path, f"its time is `{time}` in {unit}, that of another file is not")
+                raise unusable_log_error(
+                    path, f"its time is `{time}` in {unit}, that of another file is not"
+                )
             found.time = time, unit
         cells = {k: _number_or_text(v) for k, v in row.items() if k != time and v.strip()}
         now_ns = round(now * unit_ns)
@@ -257,12 +259,12 @@ def _csv_rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrive
 
 
 def _time_unit(unit: str | None, first: Decimal) -> tuple[str, int]:
-    """The unit of a time, and its length in ns: the named one, or one that fits the first value."""
+    """The unit of a time and its length in ns: the named unit, or a unit that fits `first`."""
     return next((u, ns) for at, u, ns in UNITS if (u == unit if unit else abs(first) > at))
 
 
 def _number_or_text(cell: str) -> float | int | str:
-    """A cell as a float or an int of a mapping reads it; other texts as they are."""
+    """A cell as the number that a mapping would read; any other text unchanged."""
     number = parse_decimal(cell)
     if number is not None and "." not in cell and number.adjusted() < INT_DIGITS:
         return int(number) if number == number.to_integral_value() else float(cell)

@@ -90,7 +90,7 @@ class Judgement:
 
     @property
     def judged(self) -> bool:
-        """Whether an alarm was raised, or a step judged in every run; else no verdict."""
+        """Whether the record gives a verdict: an alarm, or at least a judged step in every run."""
         return (self.judged_ns > 0 or self.alarms > 0) and not self.empty_runs
 
     @property
@@ -100,7 +100,7 @@ class Judgement:
 
 
 class Models:
-    """Keeps the model's matrices by parameter values, and its steps by length; makes each once."""
+    """Makes the model's matrices once for parameter values, and its steps once for each length."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -122,7 +122,7 @@ class Models:
         return self._steps[key]
 
     def step_around(self, parameter: tuple[int, ...], ns: int, x: Floats, u: Floats) -> AffineStep:
-        """A step of `ns` nanoseconds; of a map, its tangent at x (states,), u (controls,)."""
+        """A step of `ns` nanoseconds; for a map, the tangent at x (states,), u (controls,)."""
         if self.problem.kind != "map":
             return self.step_of_length(parameter, ns)
         low = np.array([r.low for r in self.problem.disturbances])
@@ -213,7 +213,7 @@ class RecordReader:
     def parameters_in_topics(
         self, places: Sequence[tuple[int, tuple[str, ...]]], topics: Mapping[str, Value]
     ) -> tuple[int, ...]:
-        """The parameters' values in the topics; `places` as of `parameter_leaves`."""
+        """The parameters' values, read from the topics at `places` (see `parameter_leaves`)."""
         known = self.problem.system.topics
         return tuple(
             int(leaf_number(known[i].type, topics[self.names[i]], path)) for i, path in places
@@ -248,7 +248,7 @@ def _scope_topics(flat: System, module: Module) -> dict[TopicSymbol, int]:
 
 
 def flying_topic_names(flat: System, module: Module, problem: Problem) -> dict[int, str]:
-    """The names in the flying system of the verification system's topics, by their index there."""
+    """Maps topic indices of the verification system to the topics' names in the flying system."""
     symbols = {}
     for c in problem.system.components:
         symbols.update({i: s for s, i in c.scope.topics.items()})
@@ -274,12 +274,12 @@ def judge_run(
     truths: bool = True,
     models: Models | None = None,
 ) -> Judgement:
-    """Judges a record by the model of a module. SoterError U001 where the plants are not affine.
+    """Judges a record by the model of a module. Raises U001 if the plants are not affine.
 
-    `truths`: whether the record has true states; without them parameters are read off the topics.
-    `models`: those of the same problem, if several records are judged.
-    On true states of plants that move in steps (maps), only the instants at multiples of the
-    plants' period are judged.
+    `truths`: the record has true states; without true states, parameters are read from the topics.
+    `models`: may be passed on if several records of one problem are judged. On true states of
+    plants that move in steps (maps), only the instants at multiples of the plants' period are
+    judged.
     """
     reader = RecordReader(flat, module, problem)
     models = models or Models(problem)
@@ -405,7 +405,7 @@ class _TopicAges:
         return np.array([name in self.record.published[k] for name in leaves], dtype=np.bool_)
 
     def hears_all_topics(self, k: int) -> bool:
-        """Notes the topics published at instant k; says whether none was silent for too long."""
+        """Notes the topics published at instant k; gives whether all topics were heard in time."""
         now = self.record.times_ns[k]
         too_old = [n for n, then in self.last.items() if now - then > self.most[n]]
         self.last.update((n, now) for n in self.names if n in self.record.published[k])

@@ -78,7 +78,7 @@ class ModuleWatch:
             self.margins.seen.clear()
 
     def judge_reads(self, env: Environment, time_s: float, *, fresh: bool) -> None:
-        """Asks `safe` on reads that are young enough for it; `fresh`: so are the DM's reads."""
+        """Asks `safe` about reads that are young enough for it; `fresh`: for the DM as well."""
         holds = self._is_safe(env, time_s)
         if holds is not None:
             self.module_log.asked += 1
@@ -86,11 +86,11 @@ class ModuleWatch:
             self.module_log.outside += not holds
 
     def judge_late_sample(self, env: Environment, time_s: float) -> None:
-        """Asks `safe` on a sample that no step judges: it came too late, or was refused or lost."""
+        """Asks `safe` about a sample that no step judges: it was late, refused or lost."""
         self.module_log.outside_late += self._is_safe(env, time_s) is False
 
     def _is_safe(self, env: Environment, time_s: float) -> bool | None:
-        """Whether `safe` holds, with its distance noted; None where `safe` faults."""
+        """Whether `safe` holds, and notes its distance; None if `safe` faults."""
         clear = self._measured_distance(self.safe, env)
         if clear is None:
             return None

@@ -34,7 +34,7 @@ COMPARED = ("<", "<=", ">", ">=")
 
 
 class Distance(NamedTuple):
-    """A predicate's distance from changing; `bound`: its comparison's index in `bounds`, or -1."""
+    """A predicate's distance from changing; `bound` is the comparison's index or -1."""
 
     far: float
     bound: int
@@ -44,9 +44,9 @@ Far = (Distance(math.inf, -1), Distance(-math.inf, -1))
 
 
 class PredicatePosition(NamedTuple):
-    """A place in a predicate: the calls that led there, and its effect on the predicate.
+    """A place in a predicate: the calls that lead to it, and its effect on the predicate.
 
-    `sense`: 1.0: more distance there is further from failing; -1.0: nearer to it; 0.0: either.
+    `sense`: more distance is further from failing (1.0), nearer to failing (-1.0) or either (0.0).
     """
 
     calls: tuple[str, ...] = ()
@@ -57,11 +57,11 @@ ROOT = PredicatePosition()
 
 
 class PredicateMargins:
-    """Margins of the predicates of one scope, compiled once.
+    """The distances of the predicates of one scope, compiled once.
 
-    `bounds`: every comparison as it is written, and the calls that led there.
-    `sides`: for each bound the value last compared, and the band in which it should lie.
-    `seen`: for each bound its last distance, times its `sense`.
+    `bounds`: every comparison as written, and the calls that lead to it. `sides`: for each bound,
+    the last compared value, and the band in which it should lie. `seen`: for each bound, its last
+    distance times its `sense`.
     """
 
     def __init__(self, evaluator: Evaluator) -> None:
@@ -76,7 +76,7 @@ class PredicateMargins:
     def distance_of(
         self, e: t.TypedExpr, at: PredicatePosition = ROOT
     ) -> Callable[[Environment], Distance]:
-        """The function from an environment to a predicate's distance; it faults as that does."""
+        """Gives the function from an environment to a predicate's distance; both fault alike."""
         if isinstance(e, t.TypedBinary) and e.op in ("&&", "||"):
             return self._distance_of_connective(e, at)
         if isinstance(e, t.TypedBinary) and e.op in COMPARED:
@@ -102,7 +102,7 @@ class PredicateMargins:
         return _expression_text(e), getattr(e.type, "unit", ""), f"`{self.label_of_bound(bound)}`"
 
     def label_of_bound(self, bound: int) -> str:
-        """The text of a comparison, with the calls that tell it from others of the same text."""
+        """The text of a comparison, with the calls that distinguish it from equal texts."""
         if len(self._labels) != len(self.bounds):
             self._labels = [self._label_of_comparison(*b) for b in self.bounds]
         return self._labels[bound]
@@ -121,7 +121,7 @@ class PredicateMargins:
     def _distance_of_connective(
         self, e: t.TypedBinary, at: PredicatePosition
     ) -> Callable[[Environment], Distance]:
-        """The distance of `&&` or `||`; a fault on the right counts unless the left decides."""
+        """The distance of `&&` or `||`; a fault on the right counts if the left does not decide."""
         left, right = self.distance_of(e.left, at), self.distance_of(e.right, at)
         choose = max if e.op == "||" else min
 
@@ -190,7 +190,7 @@ class PredicateMargins:
     def _compiled_block(
         self, statements: tuple[t.TypedStmt, ...], at: PredicatePosition
     ) -> Callable[[Environment, list[Distance]], Distance | None]:
-        """Compiles statements to a function that gives what is returned and collects conditions."""
+        """Compiles statements to a function that gives the returned distance and its conditions."""
         steps = [self._compiled_statement(s, at) for s in statements]
 
         def run(env: Environment, way: list[Distance]) -> Distance | None:
@@ -259,7 +259,7 @@ class PredicateMargins:
 
 
 def _holds(d: Distance) -> bool:
-    """Whether the predicate of a distance holds; -0.0 stands for a comparison that just fails."""
+    """Whether the predicate with this distance holds; -0.0 means that it just fails."""
     return math.copysign(1.0, d.far) > 0
 
 
@@ -272,7 +272,7 @@ def _negated_distance(d: Distance) -> Distance:
 
 
 def _returned_distance(way: list[Distance], distance: Distance) -> Distance:
-    """The distance of a returned value, cut to the nearest condition that led to it."""
+    """The distance of a returned value, at most that of the conditions that led to the return."""
     nearest = min([*way, distance], key=lambda d: abs(d.far))
     return Distance(math.copysign(abs(nearest.far), distance.far), nearest.bound)
 

@@ -87,7 +87,7 @@ def mapping_of_log(survey: LogSurvey, log: str) -> str:
 
 
 def _named_channels(survey: LogSurvey) -> Iterator[tuple[str, str, str, dict[str, str]]]:
-    """Gives each channel that has numbers, its topic, its type, and field names by path."""
+    """Gives each channel with numbers, its topic, its type, and its field names by path."""
     taken: set[str] = set(RESERVED)
     for channel in sorted(survey.channels):
         kept = survey.channels[channel].kept_fields
@@ -101,7 +101,7 @@ def _named_channels(survey: LogSurvey) -> Iterator[tuple[str, str, str, dict[str
 
 
 def _free_name(text: str, taken: set[str]) -> str:
-    """A name of Soter that is like a text and not taken yet; adds it to the taken names."""
+    """A free name in Soter that resembles `text`; adds the name to `taken`."""
     name = NOT_A_NAME.sub("_", text).strip("_")
     name = name if name[:1].isalpha() else f"n{name}"
     number, tried = 1, name
@@ -112,7 +112,7 @@ def _free_name(text: str, taken: set[str]) -> str:
 
 
 def _csv_with_command(survey: LogSurvey) -> tuple[str, str] | None:
-    """A CSV of several numbers and its column with a command's name, or else its last; or None."""
+    """A CSV with several numbers, and a column that seems a command, else the last; or None."""
     channels = survey.channels if survey.time is not None else {}
     channel = next((c for c, found in channels.items() if found.kept_fields[1:]), None)
     if channel is None:
@@ -136,7 +136,7 @@ def _command_comments(channel: str, path: str, taken: set[str]) -> list[str]:
 
 
 def _remarks_on_channel(found: Channel) -> list[str]:
-    """Comments on what is left out of a channel, and on what `soter monitor` will not read."""
+    """Comments on the left-out parts of a channel, and on those `soter monitor` cannot read."""
     lines = []
     no_number = found.left_out | {p for p, n in found.fields.items() if not n.count}
     if no_number:
@@ -160,7 +160,7 @@ def _remarks_on_channel(found: Channel) -> list[str]:
 
 
 def _rate_text(found: Channel) -> str:
-    """Says in words how often a channel speaks, and how old its samples get."""
+    """Says in words how often messages come on a channel, and how old samples become."""
     gaps, count = found.sorted_gaps_ns(), f"{len(found.times_ns):,} messages"
     if len(found.taken_samples) < len(found.times_ns):
         count = f"{len(found.taken_samples):,} samples in {count}"

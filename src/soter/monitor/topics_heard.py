@@ -38,11 +38,11 @@ class Dependencies:
 
 @dataclass
 class TopicsHeard:
-    """The limits of the ages of a log's topics, and whether nodes read young enough values.
+    """The greatest ages of a log's topics, and whether nodes read values that are young enough.
 
-    `most_ns`: for each topic of the log, the greatest age at which a read can be judged;
-    `silent_ns`: the age beyond which the topic counts as silent. `sound`: for each node, whether
-    all topics of the log that it reads itself were young enough at its last step.
+    `most_ns`: for each topic, the greatest age at which a read can be judged; `silent_ns`: the age
+    beyond which a topic counts as silent. `sound`: for each node, whether all topics of the log
+    that it reads directly were young enough at its last step.
     """
 
     system: System
@@ -85,7 +85,7 @@ class TopicsHeard:
         self.sound[node] = self._are_young(c, reads & self.most_ns.keys())
 
     def rests_on_young_topics(self, c: Configuration, on: Dependencies) -> bool:
-        """Whether all topics are young enough, and were at the last step of each of the nodes."""
+        """Whether the topics are young enough now and were so at each node's last step."""
         return self._are_young(c, on.topics) and all(self.sound.get(n, False) for n in on.nodes)
 
     def stamps_of_silent_topics(self, c: Configuration, on: Dependencies) -> dict[str, int]:

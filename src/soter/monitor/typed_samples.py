@@ -38,7 +38,7 @@ from soter.monitor.log_files.log_columns import (
     FarStamps,
     RowChoice,
     is_plain_number,
-    unusable,
+    unusable_log_error,
     whole_number,
 )
 from soter.semantics.draws import value_of_leaves
@@ -70,14 +70,14 @@ class DerivedValue:
 
 @dataclass
 class TopicSamples:
-    """The samples of one topic: `values[i]` came at `times_ns[i]`; without times, a constant.
+    """The samples of one topic: `values[i]` came at `times_ns[i]`; a constant has no times.
 
-    `stamps_ns[i]`: when it was measured, by the field `stamp`, or the declared delay before it
-    came. `log_ns`: when the whole log begins and ends. `reasons`: why rows gave no sample, with
-    the number of rows and the first; reasons are one if they differ only after a number. `sources`:
-    how many samples each of several sources gave. `assumed_units`: as in `TopicMap`. `turns`: the
-    turn of each leaf, infinite if it is no angle; `begins`: the least angle of each, for lines.
-    `clipped`: how many samples were clipped, in words.
+    `stamps_ns[i]`: when it was measured, by the field `stamp`, or by the declared delay. `log_ns`:
+    begin and end of the log. `reasons`: why rows gave no sample, with the number of rows and the
+    first row; reasons are equal if they differ only after a number. `sources`: the number of
+    samples from each source. `assumed_units`: as in `TopicMap`. `turns`: the full turn of each
+    leaf, infinite if it is no angle; `begins`: the least angle of each leaf, for lines. `clipped`:
+    in words, how many samples were clipped.
     """
 
     topic: Topic
@@ -114,7 +114,7 @@ class TopicSamples:
             self.far_stamps = replace(before, samples=before.samples + 1, offset_s=furthest)
 
     def why_no_later_stamp(self, stamp_ns: int) -> str:
-        """The reason, in words, that a stamp is no later than the last sample's; "" if it is."""
+        """The reason, in words, why a stamp is not later than the last; "" if it is later."""
         if self.stamps_ns and stamp_ns <= self.stamps_ns[-1]:
             return "its stamp is older than the one before it, or the same"
         return ""
@@ -134,7 +134,7 @@ class TopicSamples:
 
     @property
     def first_left_out(self) -> str:
-        """The first row without a sample, and why it has none; "" if every row has one."""
+        """The first row without a sample, and why it has none; "" if each row has a sample."""
         return next((first for _, first in self.reasons.values()), "")
 
     @property
@@ -158,10 +158,10 @@ class TopicSamples:
         return self.times_ns[1 if self.linear and len(self.times_ns) > 1 else 0]
 
     def value_at(self, time_ns: int) -> Value | None:
-        """The value at a time, from samples up to then; None if they do not determine it.
+        """The value at a time, from samples up to this time; None if they do not determine it.
 
-        At the stamp of a sample it is that sample. For at most `gap_ns` after it, the value lies on
-        the line through that sample and the one before, if these two are no further apart.
+        At the stamp of a sample, it is this sample. For at most `gap_ns` after it, the value lies
+        on the line through the last two samples, if they are no further apart than `gap_ns`.
         """
         i = bisect_right(self.times_ns, time_ns) - 1
         if time_ns < self.from_ns:
@@ -199,7 +199,7 @@ def _leaf_values(t: Type, value: Value) -> list[Value]:
 def read_samples(
     path: Path, mapping: LogMap, columns: dict[str | None, Columns]
 ) -> list[TopicSamples]:
-    """Samples of all mapped topics, times counted from the log's first row; SoterError D016."""
+    """The samples of all mapped topics, with times from the log's first row; raises D016."""
     first = min(c.times_ns[0] for c in columns.values())
     begins, ends = zip(*(c.log_ns for c in columns.values()), strict=True)
     log_ns = min(begins) - first, max(ends) - first
@@ -223,7 +223,7 @@ def read_samples(
             made.values = inside
         if t.linear:
             by_leaf = zip(*(_leaf_values(t.topic.type, v) for v in made.values), strict=True)
-            made.begins = [*map(derived.least_angle, by_leaf, made.turns)]
+            made.begins = [*map(derived.begin_of_turn, by_leaf, made.turns)]
         samples.append(made)
     return samples
 
@@ -267,7 +267,7 @@ def _add_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, fir
         required = f"all of `{t.topic.name}`" + (f" and {choice}" if t.where else "")
         arrival = UNSTAMPED if "its stamp" in made.first_left_out else ""
         helps = (made.first_left_out, arrival, *choice.seen_values)
-        raise unusable(path, f"no row of it has {required}", *helps)
+        raise unusable_log_error(path, f"no row of it has {required}", *helps)
     _build_values(path, t, made, read)
 
 
@@ -299,7 +299,9 @@ def _take_samples_of_sources(
             taken.append(rank)
     if not made.times_ns:
         seen = [help_ for choice in choices for help_ in choice.seen_values]
-        raise unusable(path, f"no row of it has all of `{topic.name}`", made.first_left_out, *seen)
+        raise unusable_log_error(
+            path, f"no row of it has all of `{topic.name}`", made.first_left_out, *seen
+        )
     made.sources = _sources_text([t.channel for t, _ in sources], taken)
 
 
@@ -317,7 +319,7 @@ def _constant_leaves(t: TopicMap) -> dict[LeafPath, Value]:
 def _source_row(
     path: Path, t: TopicMap, columns: Columns, i: int, check: Check
 ) -> tuple[Value, int, str]:
-    """The value and stamp of a row of one of several sources; why it gives none, or ""."""
+    """The value and stamp of a source's row, and why it gives no sample, or ""."""
     assert t.stamp is not None
     stamp = columns.stamps_ns[t.stamp][i]
     why = _why_other_frame(t, columns, i) or _why_ill_stamped(stamp, columns.times_ns[i])
@@ -349,7 +351,7 @@ def _row_values(
 
 
 def _why_other_frame(t: TopicMap, columns: Columns, i: int) -> str:
-    """The reason, in words, that a row has another frame than the mapping takes, or ""."""
+    """The reason, in words, why a row's frame is not the mapping's; "" if it is the same."""
     if t.frame_id is None:
         return ""
     frame = columns.cells[HEADER_FRAME][i]
@@ -381,7 +383,7 @@ def _build_values(
             made.constants.append(t.leaf_name(p))
         elif isinstance(leaf, SlopeSource):
             if n < 2:
-                raise unusable(path, f"one sample of `{t.topic.name}` has no slope")
+                raise unusable_log_error(path, f"one sample of `{t.topic.name}` has no slope")
             values, window = _unwrapped_column(t, leaf.of, read[leaf.of]), leaf.window_ns / 1e9
             derivatives = derived.window_slopes(times_s, values, window)
             error = error_quantiles(derived.slope_errors(times_s, values, window, derivatives))
@@ -409,7 +411,7 @@ def _unwrapped_column(t: TopicMap, p: LeafPath, column: list[Any]) -> np.ndarray
 def _note_errors_ahead(
     t: TopicMap, made: TopicSamples, times_s: np.ndarray[Any, Any], table: dict[LeafPath, list[Any]]
 ) -> None:
-    """Notes by how much straight lines miss the samples; times_s (n,)."""
+    """Notes how far straight lines are from the samples; times_s (n,)."""
     for p, kind in leaves(t.topic.type):
         if isinstance(kind, FloatType) and not isinstance(t.leaves[p], ConstantSource):
             values = _unwrapped_column(t, p, table[p])
@@ -430,7 +432,7 @@ def _value_of_leaves(t: Type, value_by_path: Mapping[LeafPath, Value]) -> Value:
 
 
 def _cell_value(path: Path, t: Type, leaf: SignalSource, cell: object, where: str) -> Value | None:
-    """A cell's value; None for an empty cell, NaN, infinities. SoterError D016 for other texts."""
+    """A cell's value; None for an empty cell, NaN or infinity. Raises D016 for other texts."""
     if isinstance(cell, str):
         cell = cell.strip()
     if cell is None or cell == "":
@@ -442,7 +444,7 @@ def _cell_value(path: Path, t: Type, leaf: SignalSource, cell: object, where: st
     except (ValueError, TypeError, OverflowError) as error:
         shown = str(cell)[:40]
         text = f"`{shown}` in {where}, `{leaf.name}`, is no `{t}`"
-        raise unusable(path, text) from error
+        raise unusable_log_error(path, text) from error
 
 
 def _float_value(leaf: SignalSource, cell: Any) -> float | None:  # noqa: ANN401 - a text, or what JSON has

@@ -14,7 +14,7 @@ from runpy import run_path
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.evaluate.arithmetic import require_plain
+from soter.language.evaluate.arithmetic import require_default_float_rules
 from soter.native.cache import cached_folder, digest
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ _opened: list[Any] = []
 def declarations(header: Path) -> str:
     """The types, functions and numbers that a header of Soter declares, without inline functions.
 
-    It does not follow includes: pass the declarations of included headers to `interface` first.
+    Included headers are not read: pass their declarations to `interface` first.
     """
 
     def kept_directive(match: re.Match[str]) -> str:
@@ -51,8 +51,8 @@ def declarations(header: Path) -> str:
 def interface(*declared: str) -> Any:  # noqa: ANN401 - cffi has no types
     """The cffi object for these declarations, parsed once for each sequence of texts.
 
-    cffi's tables are cached, as parsing takes longer than most runs. SoterError X006 if the cache
-    cannot be used.
+    cffi's tables are cached, as parsing takes longer than most runs. Raises SoterError X006 if the
+    cache cannot be used.
     """
     import _cffi_backend  # noqa: PLC0415 - only compiled runs need it
 
@@ -75,12 +75,12 @@ def open_library(
     path: Path,
     owners: Mapping[str, str] | None = None,
 ) -> Any:  # noqa: ANN401 - the same
-    """Loads a library; SoterError X004 if a function that it calls is missing.
+    """Loads a library; raises SoterError X004 if it calls a function that is missing.
 
-    SoterError X012 if this thread has other floating-point settings than the library assumes.
-    `owners`: for each linked function the C file that should define it.
+    Raises SoterError X012 if this thread has other floating-point settings than the library
+    assumes. `owners` maps each linked function to the C file that should define it.
     """
-    require_plain()
+    require_default_float_rules()
     try:
         library = ffi.dlopen(str(path))
     except OSError as error:

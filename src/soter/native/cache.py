@@ -75,10 +75,10 @@ def digest(parts: Iterable[str]) -> str:
 def cached_folder(
     name: str, content: str, files: tuple[str, ...], make: Callable[[Path], None]
 ) -> Path:
-    """The cache's folder with `files`; if it is not there, `make(folder)` fills a new one.
+    """The cache's folder with `files`; if it is missing, `make(folder)` fills a new folder.
 
-    `content`: a hash of everything that the files depend on. SoterError X006 if the cache cannot
-    be used, and every error of `make`.
+    `content` is a hash of everything that the files depend on. Raises SoterError X006 if the cache
+    cannot be used; errors of `make` are passed on.
     """
     if find_cached(name, content, files) is None:
         with new_entry(name, content, files) as made:
@@ -87,7 +87,7 @@ def cached_folder(
 
 
 def find_cached(name: str, content: str, files: tuple[str, ...]) -> Path | None:
-    """The cache's folder with `files`, else None; SoterError X006 if others may write to it."""
+    """The cache's folder with `files`, or None; raises X006 if others may write to the folder."""
     folder = cache_dir()
     _refuse_a_folder_of_others(folder)
     entry = _entry_folder(folder, name, content)
@@ -101,9 +101,9 @@ def find_cached(name: str, content: str, files: tuple[str, ...]) -> Path | None:
 
 @contextlib.contextmanager
 def new_entry(name: str, content: str, files: tuple[str, ...]) -> Iterator[Path]:
-    """An empty folder for a `with` block to fill; then it is the new entry of the cache.
+    """Yields an empty folder that the `with` block fills, then makes it an entry of the cache.
 
-    `content`: as for `cached_folder`. SoterError X006 if the cache cannot be used.
+    `content` is as for `cached_folder`. Raises SoterError X006 if the cache cannot be used.
     """
     entry = _entry_folder(cache_dir(), name, content)
     most, _ = cache_limit()
@@ -127,12 +127,14 @@ def _writable_folder() -> Iterator[Path]:
         _refuse_a_folder_of_others(folder)
         yield folder
     except OSError as error:
-        raise _unusable(f"cannot write to the cache folder `{folder}`: {reason(error)}") from error
+        raise _unusable_cache_error(
+            f"cannot write to the cache folder `{folder}`: {reason(error)}"
+        ) from error
 
 
 @contextlib.contextmanager
 def work_folder() -> Iterator[Path]:
-    """A temporary folder inside the cache; SoterError X006 if none can be made."""
+    """A temporary folder inside the cache; raises SoterError X006 if none can be made."""
     with _writable_folder() as folder:
         work = tempfile.TemporaryDirectory(dir=folder, prefix=MAKING)
     with work as name:
@@ -155,7 +157,7 @@ def _seals_text(folder: Path, content: str, files: tuple[str, ...]) -> str:
 
 
 def _seal_entry(made: Path, content: str, files: tuple[str, ...]) -> None:
-    """Deletes other files, makes these writable for this user alone, and writes their seals."""
+    """Deletes all but `files`, makes these writable for this user alone, and writes their seals."""
     wanted = {Path(name).parts[0] for name in files}
     for path in made.iterdir():
         if path.name not in wanted:
@@ -171,17 +173,17 @@ def _is_whole(entry: Path, content: str, files: tuple[str, ...]) -> bool:
     Loading half a library ends the process; loading another user's library runs their code.
     """
     try:
-        ours = stat.S_ISDIR(entry.lstat().st_mode) and is_ours(entry.lstat())
+        ours = stat.S_ISDIR(entry.lstat().st_mode) and is_trusted_file(entry.lstat())
         for name in (*files, SEALS):
             status = (entry / name).lstat()
-            ours = ours and stat.S_ISREG(status.st_mode) and is_ours(status)
+            ours = ours and stat.S_ISREG(status.st_mode) and is_trusted_file(status)
         seals = (entry / SEALS).read_text(encoding="utf-8") if ours else ""
         return ours and seals == _seals_text(entry, content, files)
     except (OSError, UnicodeDecodeError):
         return False
 
 
-def is_ours(status: os.stat_result) -> bool:
+def is_trusted_file(status: os.stat_result) -> bool:
     """Whether a file belongs to this user or root, and nobody else may write to it."""
     return status.st_uid in {os.geteuid(), 0} and not status.st_mode & OTHERS
 
@@ -191,15 +193,17 @@ def _refuse_a_folder_of_others(folder: Path) -> None:
         status = folder.stat()
     except OSError:
         return  # it does not exist yet; making it reports errors
-    if not is_ours(status):
+    if not is_trusted_file(status):
         mine = status.st_uid in {os.geteuid(), 0}
         why = "others may write to it" if mine else "it belongs to another user"
         fix = (f"if nobody has: chmod go-w '{folder}'",) if mine else ()
         message = f"the cache folder `{folder}` is not used: {why}"
-        raise _unusable(message, ("what is in it is loaded and run",), fix)
+        raise _unusable_cache_error(message, ("what is in it is loaded and run",), fix)
 
 
-def _unusable(message: str, notes: tuple[str, ...] = (), helps: tuple[str, ...] = ()) -> SoterError:
+def _unusable_cache_error(
+    message: str, notes: tuple[str, ...] = (), helps: tuple[str, ...] = ()
+) -> SoterError:
     other = "choose another with the environment variable SOTER_CACHE"
     return SoterError((Diagnostic("X006", message, notes=notes, helps=(*helps, other)),))
 
@@ -221,7 +225,7 @@ def _move_entry(made: Path, entry: Path, old: Path, content: str, files: tuple[s
 
 
 def cache_limit() -> tuple[int, str]:
-    """The limit of the cache in bytes, and where it is set; SoterError X006 if it is no number."""
+    """The cache's limit in bytes, and where it is set; raises X006 if it is no number."""
     text, where = os.environ.get(LIMIT, "").strip(), LIMIT
     if not text:
         file = cache_dir() / LIMIT_FILE
@@ -243,7 +247,7 @@ def cache_limit() -> tuple[int, str]:
 
 
 def set_limit(megabytes: int) -> None:
-    """Stores the limit of the cache, and removes entries beyond it; SoterError X006."""
+    """Stores the limit of the cache, and removes entries beyond it; raises SoterError X006."""
     with _writable_folder() as folder:
         with tempfile.TemporaryDirectory(dir=folder, prefix=MAKING) as work:
             made = Path(work) / LIMIT_FILE
@@ -254,9 +258,9 @@ def set_limit(megabytes: int) -> None:
 
 
 def cache_entries() -> list[tuple[float, int, Path]]:
-    """For each entry the time of its last use (s since 1970), its bytes, its folder; oldest first.
+    """The entries of the cache, oldest first: time of last use (s since 1970), bytes, folder.
 
-    SoterError X006 if the folder cannot be read.
+    Raises SoterError X006 if the folder of the cache cannot be read.
     """
     try:
         return [(at, size, Path(entry)) for at, size, entry in sorted(_entries_in(cache_dir()))]
@@ -264,11 +268,11 @@ def cache_entries() -> list[tuple[float, int, Path]]:
         return []
     except OSError as error:
         message = f"cannot read the cache folder `{cache_dir()}`: {reason(error)}"
-        raise _unusable(message) from error
+        raise _unusable_cache_error(message) from error
 
 
 def clear_cache() -> tuple[int, int]:
-    """Removes every entry; gives their number and their bytes. SoterError X006 if one stays."""
+    """Removes all entries; gives their number and their bytes. Raises X006 if an entry remains."""
     _refuse_a_folder_of_others(cache_dir())
     removable = cache_entries()
     for _, _, entry in removable:
@@ -278,14 +282,14 @@ def clear_cache() -> tuple[int, int]:
             continue
         except OSError as error:
             message = f"cannot remove `{entry}`: {reason(error)}"
-            raise _unusable(message) from error
+            raise _unusable_cache_error(message) from error
     return len(removable), sum(size for _, size, _ in removable)
 
 
 def _remove_old_entries(folder: Path, most: int) -> None:
-    """Removes the least recently used entries beyond `most` bytes, but none that we have used."""
+    """Removes the least recently used entries beyond `most` bytes; keeps those of this process."""
     now = time.time()
-    if _looked_lately(folder, most, now):
+    if _was_enforced_lately(folder, most, now):
         return
     (folder / LOOKED_FILE).write_text(f"{most}\n", encoding="ascii")
     used = sorted(_entries_in(folder))
@@ -298,7 +302,7 @@ def _remove_old_entries(folder: Path, most: int) -> None:
             shutil.rmtree(entry, ignore_errors=True)
 
 
-def _looked_lately(folder: Path, most: int, now: float) -> bool:
+def _was_enforced_lately(folder: Path, most: int, now: float) -> bool:
     """Whether a process has enforced the same limit in the last `LOOK_S` seconds."""
     file = folder / LOOKED_FILE
     try:
@@ -309,7 +313,7 @@ def _looked_lately(folder: Path, most: int, now: float) -> bool:
 
 
 def _entries_in(folder: Path) -> list[tuple[float, int, str]]:
-    """For each entry in a folder the time of its last use, its bytes, its path."""
+    """The entries in a folder, each as time of last use, bytes and path."""
     used = []
     with os.scandir(folder.absolute()) as listed:
         for entry in listed:
@@ -341,7 +345,7 @@ SOTER = Path(__file__).resolve().parents[1]
 
 
 def files_below(folder: Path, *patterns: str) -> list[Path]:
-    """All files below a folder that match a pattern, sorted; FileNotFoundError if none does."""
+    """All files below a folder that match a pattern, sorted; FileNotFoundError if no file does."""
     wanted = re.compile("|".join(map(fnmatch.translate, patterns))).match
     names = [f"{at}{os.sep}{n}" for at, _, files in os.walk(folder) for n in files if wanted(n)]
     paths = [Path(name) for name in sorted(names, key=lambda name: name.replace(os.sep, "\0"))]
@@ -379,9 +383,9 @@ FILES_MAX = 1000
 
 
 def included_files(*sources: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path, str]:
-    """The text of C files and of all that they include in quotes, by path; X003 if unreadable.
+    """The text, by path, of C files and all files that they include in quotes; may raise X003.
 
-    `folders`: where headers are looked for besides the folder of the file that includes them.
+    Headers are looked for in the folder of the including file, then in `folders`.
     """
     waiting, text_by_path = [Path(s).resolve() for s in sources], dict[Path, str]()
     while waiting and len(text_by_path) < FILES_MAX:

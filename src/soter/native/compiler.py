@@ -46,12 +46,12 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def python_command(code: str, *words: str) -> list[str]:
-    """A command that runs Python code, which can import this Soter; `words`: `sys.argv[1:]`."""
+    """A command that runs Python code and lets it import this Soter; `words` are `sys.argv[1:]`."""
     return [sys.executable, "-c", START.format(root=str(ROOT)) + code, *words]
 
 
 def module_command(name: str, *words: str) -> list[str]:
-    """A command that runs a module by its name, as `python -m` does; `words`: its arguments."""
+    """A command that runs a module by name, like `python -m`; `words` are the arguments."""
     run = f"import runpy; runpy.run_module({name!r}, run_name='__main__', alter_sys=True)"
     return python_command(run, *words)
 
@@ -68,7 +68,7 @@ GROUP = (
 
 @dataclass(frozen=True)
 class CompilerOutput:
-    """A compiler's output `text` and exit `code`; None: Soter ended it, and `why` says why."""
+    """A compiler's output `text` and exit `code`; `code` is None if Soter ended it for `why`."""
 
     code: int | None
     text: str
@@ -118,7 +118,7 @@ def _kill_group(group: int) -> None:
 
 
 def _read_output(process: subprocess.Popen[bytes], end: float, limit_s: float) -> tuple[bytes, str]:
-    """The process's output, and why reading stopped before its end; "" if it did not."""
+    """The output of a process, and why reading stopped early; "" if it read to the end."""
     assert process.stdout is not None
     output, source = bytearray(), process.stdout.fileno()
     while (left := end - time.monotonic()) > 0:
@@ -150,7 +150,7 @@ FAST = ("-fno-trapping-math",)
 
 
 def processor_flags(cpuinfo: str) -> tuple[str, ...]:
-    """The vector flags that all cores support, by the text of /proc/cpuinfo."""
+    """The compiler flags for vectors that all cores support, from the text of /proc/cpuinfo."""
     cores = [line.split() for line in cpuinfo.splitlines() if line.startswith("flags")]
     for flags in VECTORS:
         if cores and all(flag.removeprefix("-m") in core for flag in flags for core in cores):
@@ -160,7 +160,7 @@ def processor_flags(cpuinfo: str) -> tuple[str, ...]:
 
 @cache
 def vector_flags() -> tuple[str, ...]:
-    """The compiler flags for this machine's vectors; () if it has none, or none is known."""
+    """The compiler flags for this machine's vector instructions; () if none are known."""
     if platform.machine() not in {"x86_64", "AMD64"} or not CPU.exists():
         return ()
     return processor_flags(CPU.read_text(encoding="utf-8", errors="replace"))
@@ -223,7 +223,7 @@ def _zig_compiler() -> Compiler | None:
 
 @lru_cache(maxsize=1)
 def find_compiler() -> Compiler:
-    """The compiler: $SOTER_CC, else the system's, else zig; SoterError X005 if there is none."""
+    """The compiler: $SOTER_CC, else the system's, else zig; raises X005 if none is found."""
     chosen = os.environ.get("SOTER_CC", "").split()
     if chosen == ["zig"]:
         zig = _zig_compiler()
@@ -254,7 +254,7 @@ def find_compiler() -> Compiler:
 
 
 def compiler_version(compiler: Compiler) -> str:
-    """The first line that a compiler prints as its version; its command if it prints none."""
+    """The first line of a compiler's version text; the compiler's command if it prints nothing."""
     done = run_compiler((*compiler.command, "--version"), Path.cwd(), TIMEOUT_S)
     lines = done.text.strip().splitlines() if done.code == 0 else []
     return visible(lines[0][:LINE_MAX]) if lines else " ".join(compiler.command)
@@ -278,7 +278,7 @@ def compile_with(
     helps: tuple[str, ...] = (DEFECT,),
     telling: tuple[str, ...] = (),
 ) -> None:
-    """Runs a compiler in `work`; SoterError X004 with its lines (those with `telling` if any)."""
+    """Runs a compiler in `work`; if it fails, SoterError X004 shows its lines with `telling`."""
     with passing_phase("compiling"):
         done = run_compiler(command, work, TIMEOUT_S)
     if done.code == 0:

@@ -44,27 +44,27 @@ class FilePolicy:
 
 
 class PolicyFiles(Protocol):
-    """The functions of the add-on for learned policies that a binding to a policy needs."""
+    """The functions that the add-on for learned policies offers to bindings."""
 
     def sha256_of_files(self, binding: BindingText) -> dict[str, str]:
-        """The SHA-256 of each file of a binding and of files that these name; X003, X014."""
+        """The SHA-256 of each file of a binding, and of files named in them; raises X003, X014."""
 
     def action_bounds(self, binding: BindingText) -> list[tuple[float, float]]:
-        """The range of each number that a policy in a zip can answer; X003, X014, D007."""
+        """The range of each number that a policy in a zip can answer; raises X003, X014, D007."""
 
     def load_policy(
         self, binding: BindingText, reads: Shapes, answers: Shapes, span: Span | None
     ) -> FilePolicy:
-        """Loads the policy of a binding; X003, X014, D007 at `span`, where the node stands."""
+        """Loads the policy of a binding; raises X003, X014, D007 at `span`, the node's place."""
 
 
 def policy_files() -> PolicyFiles:
-    """The add-on for learned policies; `SoterError` D007 if it is not installed."""
+    """The add-on for learned policies; raises `SoterError` D007 if it is not installed."""
     return cast("PolicyFiles", load_module("soter.policy.policy_extern"))
 
 
 def file_hashes(bound: object) -> dict[str, str]:
-    """The SHA-256 of each file of a binding, by its name; {} for an object. X003, X014."""
+    """The SHA-256 of each file of a binding, by file name; {} for an object. Raises X003, X014."""
     binding = binding_of(bound) if isinstance(bound, str) else None
     if binding is None:
         return {}
@@ -84,7 +84,7 @@ def _sha256(raw: bytes) -> str:
 class Extern:
     """An extern of a system: a node, a plant, or a function that its code calls.
 
-    `bound`: nothing (None), a text `python:file.py:name` or `c:file.c:name`, or any object.
+    `bound` is None, a text `python:file.py:name` or `c:file.c:name`, or any object.
     """
 
     name: str
@@ -97,23 +97,23 @@ class Extern:
 
 @dataclass(eq=False)
 class Bindings:
-    """The externs of a system with their bindings, and the lowered system that calls their C."""
+    """The externs of a system with their bindings, and the lowered system for calls of C."""
 
     system: System
     core: CoreSystem
     externs: list[Extern] = field(default_factory=list)
 
     def binding_texts(self) -> dict[str, str]:
-        """What each extern is bound to, in words, by the extern's name."""
+        """Maps the name of each extern to its binding in words."""
         return {x.name: binding_text(x.bound) for x in self.externs}
 
     def file_hashes(self) -> dict[str, dict[str, str]]:
-        """The SHA-256 of each file of each extern's binding, by extern, then file; X003, X014."""
+        """Maps each extern to the SHA-256 of each file of its binding; raises X003, X014."""
         return {x.name: file_hashes(x.bound) for x in self.externs}
 
 
 def checked_text(name: str, text: str) -> str:
-    """Checks the form and the files of a binding's text, and gives it; `SoterError` U001, X003."""
+    """Gives a binding's text after a check of form and files; raises `SoterError` U001, X003."""
     binding = binding_of(text)
     if binding is None:
         raise mistake(
@@ -148,15 +148,17 @@ def require_extern(systems: Sequence[System], name: str) -> None:
 
 
 def bind(system: System, bound: Mapping[str, object]) -> Bindings:
-    """Binds every extern of the system; `bound` overrides the program.
+    """Binds every extern of the system; `bound` overrides the bindings in the program.
 
-    A name is a full one (`d.M.Learned`), the last part of it, or that of the declaration; the
-    most exact wins, and one name may stand for several instances. Bindings to C are entered in
-    the system's components. SoterError U005 for names of nothing that could be bound.
+    A name may be the full name (`d.M.Learned`), its last part, or the name of the declaration; the
+    most exact wins, and a name may stand for several instances. Bindings to C are also written to
+    the system's components. Raises SoterError U005 for names that fit nothing bindable.
     """
     core = lower(system)
     externs = list(_all_externs(system, core))
-    problems = [_no_extern(system, externs, name) for name in bound if not _is_named(externs, name)]
+    problems = [
+        _no_extern_error(system, externs, name) for name in bound if not _is_named(externs, name)
+    ]
     if problems:
         raise SoterError(tuple(problems))
     _assign_targets(externs, bound)
@@ -165,12 +167,12 @@ def bind(system: System, bound: Mapping[str, object]) -> Bindings:
 
 
 def require_readable_c(bindings: Bindings) -> None:
-    """Reads all C of bindings, before work that an error would waste; `SoterError` X003."""
+    """Reads all C files of bindings before longer work begins; raises X003 if one is unreadable."""
     read_externs([x for x in bindings.externs if is_in_c(x.bound)], lambda x: file_hashes(x.bound))
 
 
 def read_externs(externs: Iterable[Extern], read: Callable[[Extern], object]) -> None:
-    """Calls `read` for each extern; then one `SoterError` with the errors of all calls."""
+    """Calls `read` for each extern, then raises one `SoterError` with the errors of all calls."""
     problems: list[Diagnostic] = []
     for extern in externs:
         declared = Label(extern.span, "declared here")
@@ -185,17 +187,17 @@ def read_externs(externs: Iterable[Extern], read: Callable[[Extern], object]) ->
         raise SoterError(tuple(problems))
 
 
-def bind_objects(bindings: Bindings, targets: Mapping[str, object]) -> Bindings:
-    """A copy of bindings, in which `targets` replace the bound objects of these names."""
+def bindings_with_objects(bindings: Bindings, targets: Mapping[str, object]) -> Bindings:
+    """A copy of the bindings in which the externs named in `targets` have other objects."""
     externs = [replace(x) for x in bindings.externs]
     _assign_targets(externs, targets)
     return Bindings(bindings.system, bindings.core, externs)
 
 
-def bind_derived(bindings: Bindings, derived: System) -> Bindings:
-    """The same externs for a derived system, such as one in which a module is forced.
+def bindings_of_derived(bindings: Bindings, derived: System) -> Bindings:
+    """The same bindings for a derived system, such as a system in which a module is forced.
 
-    The system is lowered again, because AC of a forced module has no shield.
+    The derived system is lowered again, because the AC of a forced module has no shield.
     """
     core = lower(derived)
     _enter_c_bindings(core, bindings.externs)
@@ -271,13 +273,13 @@ def _is_named(externs: list[Extern], name: str) -> bool:
     return any(_match_levels(x, name) for x in externs)
 
 
-def _no_extern(system: System, externs: list[Extern], name: str) -> Diagnostic:
+def _no_extern_error(system: System, externs: list[Extern], name: str) -> Diagnostic:
     nowhere = _unknown_extern_error(f"system `{system.name}`", externs, name)
     return _own_code_error(system, name) or nowhere
 
 
 def _own_code_error(system: System, name: str) -> Diagnostic | None:
-    """The error U005 for the name of a component with own code; None if none has the name."""
+    """The error U005 for a component that is no extern; None if no such component has the name."""
     for x in system.components:
         symbol = x.node or x.plant
         if symbol is not None and name in (x.name, x.name.rpartition(".")[2], symbol.name):
@@ -306,7 +308,7 @@ def not_callable_error(name: str, bound: object) -> Diagnostic:
 
 
 def binding_text(bound: object) -> str:
-    """The binding of an extern in words."""
+    """The binding of an extern in words, such as `c:file.c:name`, or "nothing"."""
     if bound is None:
         return "nothing"
     if isinstance(bound, str):

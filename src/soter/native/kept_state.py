@@ -22,9 +22,9 @@ from soter.native.shared_library import (
     NEVER_SHIPPED,
     RUNTIME,
     c_texts,
-    checked_extern,
     include_flags,
     library_flags,
+    wrapped_extern_path,
 )
 
 if TYPE_CHECKING:
@@ -65,18 +65,18 @@ LOCAL = 0
 
 @contextmanager
 def library_copy(path: Path) -> Iterator[Path]:
-    """A temporary copy of a library, to load in a `with` block; it stays loaded. X006."""
+    """A temporary copy of a library, to load in a `with` block; it stays loaded. Raises X006."""
     with work_folder() as work:
         yield Path(shutil.copy2(path, work))
 
 
 def why_it_keeps_state(unit: Unit) -> str:
-    """Why the C of a unit's externs may keep state between calls, "" if it cannot; X004."""
+    """The reason why C of a unit's externs may keep state between calls, or ""; raises X004."""
     return _examined_text(unit, KEEPS)
 
 
 def why_input_is_unknown(unit: Unit) -> str:
-    """Why it is unknown which files the C of externs depends on, "" if it is known; X004."""
+    """The reason why the input files of the externs' C are not all known, or ""; raises X004."""
     return _examined_text(unit, UNKNOWN)
 
 
@@ -92,7 +92,7 @@ def _examined_text(unit: Unit, file_name: str) -> str:
 
     def examine(work: Path) -> None:
         (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
-        files = [checked_extern(work, k, s, unit.prefix) for k, s in enumerate(unit.c_sources)]
+        files = [wrapped_extern_path(work, k, s, unit.prefix) for k, s in enumerate(unit.c_sources)]
         objects = [work / f"extern_{k + 1}.o" for k in range(len(files))]
         wanted = [f for f in flags if f != "-shared" and not f.startswith("-Wl,")]
         for file, built in zip(files, objects, strict=True):
@@ -110,7 +110,7 @@ def _examined_text(unit: Unit, file_name: str) -> str:
 
 
 def _why_unknown(rule: str, work: Path, sources: Iterable[str]) -> str:
-    """Why `included_files` misses a file in the compiler's make rule `rule`; "" if it has all."""
+    """The reason why `included_files` misses a file that the make rule `rule` has, or ""."""
     known = included_files(*sources, folders=(RUNTIME, NEVER_SHIPPED))
     for when in (m[0] for text in known.values() for m in WHEN.finditer(text)):
         return f"it says when it was compiled (`{when}`)"
@@ -125,7 +125,7 @@ def _why_unknown(rule: str, work: Path, sources: Iterable[str]) -> str:
 
 
 def _why_it_reads_outside(objects: list[bytes]) -> str:
-    """Why objects may read files, clocks, the environment or other libraries; "" if they cannot."""
+    """The reason why objects may read files, clocks, the environment or other libraries, or ""."""
     if any(data[:6] != ELF for data in objects):
         return "the compiler's objects cannot be looked into"
     symbols = [x for data in objects for x in _symbols(data)]

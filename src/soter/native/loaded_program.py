@@ -61,7 +61,7 @@ class Library:
     ) -> tuple[RunStatus, int, int]:
         """Runs all instants up to `until_ns`; writes their states to `trace`, (room, state_size).
 
-        Gives the status, the number of states written, and the component that waits for an answer.
+        Gives the status, the number of written states, and the component that waits for an answer.
         """
         room = 0 if trace is None else len(trace)
         target = self.ffi.NULL if trace is None else self._pointer(trace)

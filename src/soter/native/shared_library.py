@@ -41,9 +41,9 @@ REPORT = "this is a defect of soter: please report it with your compiler's versi
 
 
 def c_texts(*sources: str | Path) -> list[str]:
-    """Path and text of C files and of every header that they include, Soter's included.
+    """The path and text of C files and of all headers that they include, also Soter's.
 
-    If macros make the name of a header, a random text is added, so that no cache key matches.
+    If a macro makes the name of a header, a random text is added to match no key of the cache.
     """
     known = included_files(*sources, folders=(RUNTIME, NEVER_SHIPPED)).items()
     never = [uuid4().hex] if has_macro_includes([t for _, t in known]) else []
@@ -56,7 +56,7 @@ def library_flags(optimise: str = "-O2") -> tuple[str, ...]:
 
 
 def compile_only_flags(flags: Iterable[str]) -> tuple[str, ...]:
-    """These compiler flags without those for the linker."""
+    """The compiler flags in `flags`, without the flags for the linker."""
     return tuple(f for f in flags if f != "-shared" and not f.startswith("-Wl,"))
 
 
@@ -65,7 +65,7 @@ def library(
 ) -> Path:
     """The path of the shared library of a unit, from the cache or compiled now.
 
-    `engine`: C files and headers that it needs besides the kernel.
+    `engine` are C files and headers that the unit needs in addition to the kernel.
     """
     compiler = find_compiler()
     flags = (*library_flags(optimise), *extra)
@@ -102,8 +102,8 @@ def objects(sources: tuple[Path, ...], flags: tuple[str, ...]) -> tuple[Path, ..
     return tuple(folder / name for name in names)
 
 
-def checked_extern(work: Path, number: int, source: str, prefix: str) -> str:
-    """Writes a file that includes an extern's C, then the header; a wrong signature is an error.
+def wrapped_extern_path(work: Path, number: int, source: str, prefix: str) -> str:
+    """Writes a file that includes an extern's C and then the header, to check its signature.
 
     The header comes last, so that the C can define feature macros before any header.
     """
@@ -130,12 +130,12 @@ def include_flags(*files: Path) -> tuple[str, ...]:
 
 
 def compile_unit(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[str, ...]) -> Path:
-    """Compiles a unit in the folder `work`; SoterError X004 with the compiler's lines.
+    """Compiles a unit in the folder `work`; raises SoterError X004 with the compiler's lines.
 
-    C of externs does not get `flags` but always the same flags, because it may test for them
-    (`__AVX2__`): so it is the same in runs, in campaigns and where its objects are examined. It is
-    compiled first, so that a mistake in it is reported before minutes of compiling. `runtime`:
-    sources or objects of the kernel, and others to link.
+    The C of externs does not get `flags` but always the same flags, because it may test them
+    (`__AVX2__`): it is then the same in runs, in campaigns and in checks of its objects. It is
+    compiled first, to report a mistake before minutes of other compiling. `runtime` are sources or
+    objects of the kernel, and other objects to link.
     """
     (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
     source = work / f"{unit.prefix}.c"
@@ -145,7 +145,7 @@ def compile_unit(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[
     compiler = [*found, *flags, f"-I{RUNTIME}", f"-I{work}"]
     message = "the C of this program does not compile"
     helps = _signature_helps(unit) if unit.c_sources else (DEFECT,)
-    externs = [checked_extern(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
+    externs = [wrapped_extern_path(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
     words = [*found, *compile_only_flags(library_flags()), *include_flags(), f"-I{work}"]
     for i, extern in enumerate(externs):
         if extern.endswith(".c"):

@@ -51,7 +51,7 @@ TAIL = frozenset({"jmp", "jmpq", "b", "br"})
 
 @dataclass
 class StackGraph:
-    """The frame sizes and calls of functions: `file:name`, or `name` if all files can call it."""
+    """The frame sizes and calls of functions: `file:name`, or `name` for a global function."""
 
     frames: dict[str, int] = field(default_factory=dict)
     calls: dict[str, set[str]] = field(default_factory=dict)
@@ -60,9 +60,9 @@ class StackGraph:
 
 @dataclass(frozen=True)
 class StackBound:
-    """The most stack in `bytes`, or None and `why`; `way`: the costliest path, outermost first.
+    """The most stack in `bytes`, or None and the reason `why`; `way` is the costliest call path.
 
-    `not_counted`: called functions whose own stack has to be added.
+    `not_counted`: called functions whose stack has to be added.
     """
 
     bytes: int | None
@@ -78,10 +78,10 @@ def stack_bound(
     left_out: Iterable[str] = (),
     cross: Compiler | None = None,
 ) -> StackBound:
-    """The stack bound of C files (name -> text), for functions whose names begin with `entries`.
+    """The bound on the stack of C files (name -> text), from functions with prefix `entries`.
 
-    `left_out`: functions in the tables that are not of the trusted part, as steps of plants.
-    `cross`: a compiler for another processor, with its flags.
+    `left_out`: functions in the tables that do not belong to the trusted part, such as steps of
+    plants. `cross`: a compiler for another processor, with its flags.
     """
     try:
         compiler = cross or find_compiler()
@@ -181,7 +181,7 @@ def _read_clang_graph(work: Path) -> StackGraph:
 
 
 def _calls_in_assembly(assembly: str, functions: set[str]) -> Iterable[tuple[str, str]]:
-    """Yields (caller, called); skips register jumps in functions with jump tables: a `switch`."""
+    """Yields (caller, called); ignores register jumps in functions with jump tables (`switch`)."""
     parts: dict[str, list[str]] = {}
     now = ""
     for line in assembly.splitlines():
@@ -208,7 +208,7 @@ def _calls_in_assembly(assembly: str, functions: set[str]) -> Iterable[tuple[str
 
 
 class _EndlessError(Exception):
-    """There is no bound: calls run in a circle, or a frame depends on data."""
+    """Reports that the stack has no bound: calls form a circle, or a frame depends on data."""
 
 
 def _bound_stack(
@@ -249,5 +249,5 @@ def _bound_stack(
 
 
 def _plain_name(title: str) -> str:
-    """The name in `file.c:name.isra.0`, without the file and the compiler's suffix."""
+    """The function name in a title such as `file.c:name.isra.0`."""
     return title.rpartition(":")[2].partition(".")[0]

@@ -15,7 +15,7 @@ from soter.playground.write import write_playground
 
 
 def main() -> int:
-    """Writes the page; returns 1 if that fails."""
+    """Writes the page of the playground; gives 1 if that fails."""
     parser = argparse.ArgumentParser("python -m soter.playground", description=__doc__)
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="gets index.html")
     parser.add_argument("--pyodide", metavar="PATH", help="the npm package, or its folder")

@@ -49,7 +49,7 @@ ELEMENTS_MAX = 4
 
 @dataclass(frozen=True)
 class Signal:
-    """A number over time: of topic `index`, or (`plant`) of a true state of component `index`."""
+    """A number over time, in a topic or (`plant`) in the true state of a component, by `index`."""
 
     name: str
     unit: str
@@ -87,7 +87,7 @@ def system_signals(system: System) -> list[Signal]:
 def _numbers_in_type(
     name: str, t: Type, path: tuple[int, ...] = ()
 ) -> Iterator[tuple[str, str, tuple[int, ...]]]:
-    """Yields name, unit and path of each number in a type; long arrays and lists have none."""
+    """Yields name, unit and path of each number in a type, except in long arrays and lists."""
     if isinstance(t, (FloatType, IntType)):
         yield name, t.unit, path
     elif isinstance(t, BoolType):
@@ -132,7 +132,7 @@ def _default_picture(checked: CheckResult) -> dict[str, object]:
 
 
 def layout(path: str, text: str) -> str:
-    """JSON with the program in standard layout; unchanged, with diagnostics, if it has errors."""
+    """JSON with the program in standard layout, or unchanged with diagnostics of its errors."""
     diagnostics = Diagnostics()
     done = format_source(Source(path, text), diagnostics)
     shown = render_all(diagnostics.items)
@@ -153,10 +153,9 @@ def explain(code: str) -> str:
 
 
 class PlaygroundSession:
-    """A run of one system, from its start; `about` and `advance` give JSON.
+    """A run of one system from its start; `about` and `advance` give JSON.
 
-    Raises `SoterError` where the program cannot be run: it has errors, or externs that nobody
-    answers here.
+    Raises `SoterError` if the program has errors, or externs that cannot be answered here.
     """
 
     def __init__(self, path: str, text: str, system: str = "", seed: int = 1) -> None:
@@ -274,7 +273,7 @@ class PlaygroundSession:
 
 
 def start(path: str, text: str, system: str = "", seed: int = 1) -> PlaygroundSession | str:
-    """A session, or the text of the diagnostics for which there can be none."""
+    """A new session; or, if the program cannot run, the text of the diagnostics."""
     try:
         return PlaygroundSession(path, text, system, seed)
     except SoterError as error:

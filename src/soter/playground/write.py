@@ -44,7 +44,7 @@ CLOCK = (1980, 1, 1, 0, 0, 0)
 def page_text(runtime: Mapping[str, bytes], examples: Mapping[str, str], links: str = "") -> str:
     """The HTML of the page; `runtime`: Pyodide's files by name; `examples`: programs by path.
 
-    `links`: HTML below the title, such as the way to the docs.
+    `links` is HTML to show below the title, such as a link to the docs.
     """
     packed = {
         "wasm": runtime["pyodide.asm.wasm"],
@@ -92,7 +92,7 @@ def _packed_files(root: Path) -> list[Path]:
 
 
 def _lock_without_packages(text: bytes) -> bytes:
-    """Pyodide's lock file with an empty list of packages, as the page has none."""
+    """Pyodide's lock file with an empty list of packages, since the page includes no packages."""
     return json.dumps({**json.loads(text), "packages": {}}).encode()
 
 
@@ -112,9 +112,9 @@ FETCH_S = 300.0
 
 
 def runtime_files(source: str | Path | None = None) -> dict[str, bytes]:
-    """Pyodide's files by name; `source`: their folder, or a file that `npm pack pyodide` makes.
+    """Pyodide's files by name; `source` is their folder, or a file from `npm pack pyodide`.
 
-    Without it npm is asked. SoterError D007 if there is no npm, D006 if files are missing.
+    Without `source`, npm fetches them. Raises SoterError D007 if npm is missing, D006 if files are.
     """
     if source is not None:
         return _read_folder(Path(source)) if Path(source).is_dir() else _read_package(Path(source))
@@ -171,10 +171,10 @@ def write_playground(
     examples: str | Path | None = None,
     links: str = "",
 ) -> Path:
-    """Writes the page and returns its path; SoterError D006, D007.
+    """Writes the page and gives its path; raises SoterError D006, D007.
 
-    `pyodide`: see `runtime_files`; `examples`: a folder whose `*.soter` files are offered; `links`:
-    HTML below the title.
+    `pyodide` is the `source` of `runtime_files`. `examples` is a folder with `*.soter` files to
+    offer. `links` is HTML to show below the title.
     """
     offered = examples_in(Path(examples)) if examples is not None else own_examples()
     if not offered:
@@ -183,7 +183,7 @@ def write_playground(
 
 
 def examples_in(folder: Path) -> dict[str, str]:
-    """The programs below a folder, by path; SoterError D006 if one cannot be read."""
+    """The programs below a folder, by path; raises SoterError D006 if one cannot be read."""
     try:
         return {
             p.relative_to(folder).as_posix(): p.read_text(encoding="utf-8")

@@ -24,7 +24,7 @@ from soter.policy.network import (
     Relu,
     Standardised,
 )
-from soter.policy.policy_errors import bad_policy
+from soter.policy.policy_errors import bad_policy_error
 from soter.policy.policy_extern import frame_row_count, require_axes
 
 if TYPE_CHECKING:
@@ -58,11 +58,11 @@ COLUMNS = 12
 def c_source(
     policy: Policy, function: str, name: str, header: str, reads: Shapes, writes: Shapes
 ) -> str:
-    """The C of a policy that answers an extern node.
+    """The C source of a policy that answers an extern node.
 
-    `function`: the name of the C function. `name`: what the C names of the node begin with
-    (`rush_Learned`); `header`: that of its program. `reads`, `writes`: topics in the order of the
-    policy's numbers. SoterError X014 if the policy has another count of them.
+    `function` is the name of the C function, `name` the prefix of the node's C names
+    (`rush_Learned`), `header` the program's header. `reads` and `writes` are topics in the order of
+    the policy's numbers. Raises SoterError X014 if the policy has another count of numbers.
     """
     network = policy.network
     places = [place for n, t in reads for place, _ in _number_places(f"in->{_member_name(n)}", t)]
@@ -98,7 +98,7 @@ def _static_variables(policy: Policy, frame: int) -> Iterator[str]:
 
 
 def _observation_code(policy: Policy, sources: Sequence[str], rows: int) -> list[str]:
-    """The C that makes the observation: older frames move down, a new one is read."""
+    """The C code for the observation: it moves older frames back, and reads a new frame."""
     inputs, frame, row = policy.network.inputs, len(sources), len(sources) // rows
     places = np.arange(inputs).reshape(rows, -1)[:, -row:].ravel().tolist()
     lines = [f"float x0[{inputs}];"]
@@ -121,7 +121,7 @@ def _output_count(layer: Layer, size: int) -> int:
 
 
 def _layer_code(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], list[str]]:
-    """Constants and statements that make `x{number}` of `at`, which has `size` numbers."""
+    """Constants and statements that compute `x{number}` from `at`, which has `size` numbers."""
     here, name = f"x{number}", f"L{number}"
     if isinstance(layer, Lstm):
         return _lstm_code(layer, number, size, at)
@@ -149,7 +149,7 @@ def _layer_code(layer: Layer, number: int, size: int, at: str) -> tuple[list[str
 
 
 def _elementwise_code(layer: Layer, prefix: str) -> tuple[list[str], str]:
-    """Constants, and the C expression of the layer's result for one number `x`."""
+    """The constants of a layer, and the C expression of its result for one number `x`."""
     if isinstance(layer, Standardised):
         parts = {"MEAN": layer.mean, "DEVIATION": layer.deviation, "LIMIT": layer.limit}
         constants = [line for n, a in parts.items() for line in _c_table(f"{prefix}_{n}", a)]
@@ -207,12 +207,12 @@ def _answer_code(policy: Policy, writes: Shapes, size: int, at: str) -> Iterator
     places = [(p, k) for n, t in writes for p, k in _number_places(f"out->{field_name(n)}", t)]
     if len(places) != network.answer_count:
         why = f"it answers {network.answer_count} numbers, the node publishes {len(places)}"
-        raise bad_policy(policy.path, why)
+        raise bad_policy_error(policy.path, why)
     require_axes(policy.path, policy.acted, writes)
     start = 0
     for k, (place, kind) in enumerate(places):
         if isinstance(kind, FloatType) != (not network.choices):
-            raise bad_policy(policy.path, f"it cannot answer `{place}`, a `{kind}`")
+            raise bad_policy_error(policy.path, f"it cannot answer `{place}`, a `{kind}`")
         if not network.choices:
             yield f"{place} = (double){at}[{k}];"
             continue

@@ -26,9 +26,9 @@ OPERATIONS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide}
 
 @dataclass(frozen=True, eq=False)
 class Standardised:
-    """clip((x - mean) / deviation, -limit, limit), in float64, then rounded, as VecNormalize does.
+    """clip((x - mean) / deviation, -limit, limit) in float64, then rounded, like VecNormalize.
 
-    All (n,); a number that is not normalised has mean 0, deviation 1 and no limit (infinity).
+    All (n,); a number that is not normalised has mean 0, deviation 1 and an infinite limit.
     """
 
     mean: Doubles
@@ -38,7 +38,7 @@ class Standardised:
 
 @dataclass(frozen=True)
 class OneHot:
-    """Replaces a whole number below its size by `size` numbers, one of them 1; size 0: keeps it."""
+    """Replaces an int below `size` by `size` numbers, all 0 but a single 1; size 0 keeps it."""
 
     sizes: tuple[int, ...]
 
@@ -58,7 +58,7 @@ class Affine:
 
 @dataclass(frozen=True, eq=False)
 class Elementwise:
-    """x op operand, number by number; operand (n,)."""
+    """x op operand, separately for each number; operand (n,)."""
 
     operation: Operation
     operand: Floats
@@ -76,17 +76,17 @@ class Tanh:
 
 @dataclass(frozen=True)
 class Activation:
-    """A function of `ACTIVATIONS`, number by number, named as torch names it."""
+    """A function of `ACTIVATIONS`, applied to each number; it has the name used by torch."""
 
     name: str
 
 
 @dataclass(frozen=True, eq=False)
 class Lstm:
-    """An LSTM cell of n numbers, which are kept from step to step, zeros at an episode's start.
+    """An LSTM cell whose n numbers last from step to step and are zero at an episode's start.
 
-    weight (4 n, inputs + n), for its input and its answer of the step before; bias (4 n,). Both
-    are ordered by the gates in, forget, new, out.
+    weight (4 n, inputs + n) multiplies the input and the last answer; bias (4 n,). Both have the
+    gates in the order in, forget, new, out.
     """
 
     weight: Floats
@@ -107,7 +107,7 @@ class Clipped:
 
     @property
     def decimals(self) -> tuple[Doubles, Doubles]:
-        """The bounds as people write them, (n,): 0.1 where float32 has 0.100000001."""
+        """The bounds in short decimal form, (n,): 0.1 for the float32 number 0.100000001."""
         low, high = ([float(str(x)) for x in bound] for bound in (self.low, self.high))
         return np.array(low), np.array(high)
 
@@ -117,10 +117,10 @@ Layer = Standardised | OneHot | Affine | Elementwise | Relu | Tanh | Activation 
 
 @dataclass(frozen=True)
 class Network:
-    """Layers one after the other, from `inputs` numbers.
+    """Layers that are applied one after another to `inputs` numbers.
 
-    `choices`: sizes of groups of the last numbers; the answer is the index of the largest number
-    in each, the first of equal ones. Without choices the numbers are the answer.
+    `choices` are the sizes of groups of the last numbers. The answer is the index of the largest
+    number in each group (the first, if equal). Without choices, the last numbers are the answer.
     """
 
     inputs: int
@@ -154,15 +154,14 @@ class Network:
 
 @dataclass(frozen=True)
 class Policy:
-    """What a file says of a policy.
+    """The content of a file with a policy.
 
-    `facts`: what was read, as name and words. `assumed`: what is assumed as no file says it.
-    `per_frame`: the layer that scales each frame before they are stacked. `box`: the least and the
-    largest observation, (inputs,) each, where the file says finite ones. `keys`: of observations
-    by name, the names in the order in which the network takes them, and how many numbers each has.
-    `beside`: a file that was read though nobody named it. `shapes`: of observations that are a Box,
-    by name, the axes of each; "" is the name of a single one. `acted`: the axes of an answer that
-    is a Box or an array of ONNX, else ().
+    `facts`: facts that were read, as name and words. `assumed`: facts that are assumed because no
+    file states them. `per_frame`: the layer that scales each frame before stacking. `box`: the
+    least and the largest observation, (inputs,) each, if finite. `keys`: for observations by name,
+    the names in the network's order, and how many numbers each has. `beside`: a file that was read
+    without being named. `shapes`: for Box observations, the axes by name; "" is a single one's
+    name. `acted`: the axes of an answer that is a Box or an ONNX array, else ().
     """
 
     path: str
@@ -178,7 +177,7 @@ class Policy:
 
 
 def _input_count(layer: Layer) -> int | None:
-    """How many numbers a layer takes; None: any number of them."""
+    """The number of inputs of a layer; None if any number is allowed."""
     if isinstance(layer, OneHot):
         return len(layer.sizes)
     if isinstance(layer, Lstm):
@@ -188,7 +187,7 @@ def _input_count(layer: Layer) -> int | None:
 
 
 def _output_count(layer: Layer) -> int | None:
-    """How many numbers a layer gives; None: as many as it takes."""
+    """The number of outputs of a layer; None if it equals the number of inputs."""
     if isinstance(layer, Affine):
         return int(layer.weight.shape[0])
     return layer.outputs if isinstance(layer, (OneHot, Lstm)) else _input_count(layer)
@@ -240,7 +239,7 @@ def standardised_numbers(layer: Standardised, x: Doubles) -> Floats:
 
 
 class ReadyNetwork(NamedTuple):
-    """A network in use: the caller writes an observation, and `run` gives the last layer."""
+    """A network ready for use: the caller writes an observation, `run` gives the last layer."""
 
     observation: Floats
     """(inputs,), for the caller to write."""
@@ -292,7 +291,7 @@ def _zeros_and_one(size: int) -> Floats:
 
 
 def _elementwise_steps(layer: Layer, x: Floats, out: Floats) -> list[Callable[[], object]]:
-    """The steps of a layer that makes each number of one number of its input."""
+    """The steps of a layer that computes each number from the one number at the same place."""
     if isinstance(layer, Tanh):
         return [partial(np.tanh, x, out=out)]
     if isinstance(layer, Relu):

@@ -31,7 +31,12 @@ from soter.policy.network import (
     network_problem,
     numbers_text,
 )
-from soter.policy.policy_errors import FILE_MAX, bad_policy, missing_package, read_policy_bytes
+from soter.policy.policy_errors import (
+    FILE_MAX,
+    bad_policy_error,
+    missing_package_error,
+    read_policy_bytes,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -67,14 +72,14 @@ LOCATION = b"location"
 
 
 class OnnxContent(NamedTuple):
-    """An ONNX model in one piece; `beside`: SHA-256, by name, of each file that was put into it."""
+    """An ONNX model in one piece; `beside`: the SHA-256, by name, of each other file in it."""
 
     data: bytes
     beside: dict[str, str]
 
 
 def onnx_content(path: Path) -> OnnxContent:
-    """The content of an ONNX file. SoterError X003, X014; D007 if the package `onnx` is missing."""
+    """The content of an ONNX file; raises X003, X014, or D007 if the package `onnx` is missing."""
     data = read_policy_bytes(path)
     if LOCATION not in data and REFUSED_BYTES.search(data) is None:
         return OnnxContent(data, {})
@@ -82,7 +87,7 @@ def onnx_content(path: Path) -> OnnxContent:
     for node in _messages_of_kind(model, "NodeProto"):
         if node.op_type in REFUSED and (node.op_type != "Dropout" or any(node.input[2:3])):
             why, *helps = REFUSED[node.op_type]
-            raise bad_policy(path, f"it has the operator {node.op_type}, {why}", *helps)
+            raise bad_policy_error(path, f"it has the operator {node.op_type}, {why}", *helps)
     files: dict[str, bytes] = {}
     room = FILE_MAX
     for tensor in _messages_of_kind(model, "TensorProto"):
@@ -96,20 +101,20 @@ def onnx_content(path: Path) -> OnnxContent:
 
 
 def parse_model(path: Path, data: bytes) -> Any:  # noqa: ANN401 - no types
-    """The ONNX model in these bytes; SoterError X014, D007."""
+    """The ONNX model in these bytes; raises SoterError X014, D007."""
     try:
         import onnx  # noqa: PLC0415 - an extra
         from google.protobuf.message import DecodeError  # noqa: PLC0415 - a part of it
     except ImportError as error:
-        raise missing_package("onnx", "what an ONNX file says") from error
+        raise missing_package_error("onnx", "what an ONNX file says") from error
     try:
         return onnx.load_model_from_string(data)
     except DecodeError as error:
-        raise bad_policy(path, "it is no ONNX file") from error
+        raise bad_policy_error(path, "it is no ONNX file") from error
 
 
 def _messages_of_kind(message: Any, kind: str) -> Iterator[Any]:  # noqa: ANN401
-    """Yields every message of a kind inside one: in graphs, their operators, functions."""
+    """Yields every message of a kind inside another message, also in its graphs and functions."""
     if message.DESCRIPTOR.name == kind:
         yield message
     for field, value in message.ListFields():
@@ -119,9 +124,9 @@ def _messages_of_kind(message: Any, kind: str) -> Iterator[Any]:  # noqa: ANN401
 
 
 def _load_tensor(path: Path, tensor: Any, files: dict[str, bytes], room: int) -> None:  # noqa: ANN401
-    """Puts the numbers of a tensor, at most `room` bytes, into it from the file that it names.
+    """Copies the numbers of a tensor, at most `room` bytes, into it from the file that it names.
 
-    `files`: the files that were read so far.
+    `files` has the files that were already read.
     """
     entries = {entry.key: entry.value for entry in tensor.external_data}
     name = entries.get("location", "")
@@ -135,20 +140,20 @@ def _load_tensor(path: Path, tensor: Any, files: dict[str, bytes], room: int) ->
         start = size = -1
     if start < 0 or size < 0 or start + size > len(raw):
         why = f"its constant `{tensor.name}` does not lie in `{name}`, which has {len(raw)} bytes"
-        raise bad_policy(path, why)
+        raise bad_policy_error(path, why)
     if size > room:
-        raise bad_policy(path, f"its constants are larger than {FILE_MAX >> 20} MiB")
+        raise bad_policy_error(path, f"its constants are larger than {FILE_MAX >> 20} MiB")
     tensor.raw_data = raw[start : start + size]
     tensor.data_location = tensor.DEFAULT
     del tensor.external_data[:]
 
 
 def _read_file(path: Path, tensor: str, name: str, limit: int) -> bytes:
-    """The bytes of a file in the ONNX file's folder; X014 for other places and unreadable files."""
+    """The bytes of a file in the ONNX file's folder; raises X014 if elsewhere or unreadable."""
     at = path_beside(path, name)
     if at is None:
         why = f"its constant `{tensor}` is said to lie in `{name[:80]}`"
-        raise bad_policy(path, why, "only files in the folder of the ONNX file are read")
+        raise bad_policy_error(path, why, "only files in the folder of the ONNX file are read")
     try:
         return read_bytes(at, limit)
     except ReadError as error:
@@ -156,7 +161,7 @@ def _read_file(path: Path, tensor: str, name: str, limit: int) -> bytes:
         helps = ["keep the file beside the ONNX file that names it"]
         if path.is_symlink():
             helps.append(f"`{path.name}` is a link: bind `{path.resolve()}`, or link both")
-        raise bad_policy(path, why, *helps) from error
+        raise bad_policy_error(path, why, *helps) from error
 
 
 NAMES = ("action", "actions")
@@ -173,11 +178,11 @@ ARITHMETIC: dict[str, Operation] = {"Add": "+", "Sub": "-", "Mul": "*", "Div": "
 
 
 class _UnreadError(Exception):
-    """The graph has something that is not read here."""
+    """Reports that the graph has a part that this reader does not support."""
 
 
 def read_onnx(path: Path) -> Policy:
-    """The policy in an ONNX file; SoterError X003, X014, D007 without the package `onnx`."""
+    """The policy in an ONNX file; raises SoterError X003, X014, D007 without the package `onnx`."""
     content = onnx_content(path)
     model = parse_model(path, content.data)
     graph = model.graph
@@ -187,9 +192,9 @@ def read_onnx(path: Path) -> Policy:
     except (_UnreadError, ValueError, TypeError, LookupError) as error:
         ask = f'asked as it is by onnxruntime: `extern node ... from "onnx:{path}" {{ ... }}`'
         read = f"operators that are read as layers: {READ}"
-        raise bad_policy(path, str(error)[:300], ask, read) from error
+        raise bad_policy_error(path, str(error)[:300], ask, read) from error
     if why:
-        raise bad_policy(path, why)
+        raise bad_policy_error(path, why)
     versions = ", ".join(str(x.version) for x in model.opset_import if not x.domain)
     facts = {
         "file": f"ONNX, operators of version {versions}",
@@ -309,7 +314,7 @@ def _attributes_by_name(node: Any) -> dict[str, Any]:  # noqa: ANN401
 
 
 def _constant_vector(array: npt.NDArray[Any], size: int) -> Floats:
-    """A constant as an array with a number for each of `size`."""
+    """A constant as an array of `size` numbers."""
     if array.dtype != np.float32 or (array.size != 1 and array.shape[-1:] != (array.size,)):
         raise _UnreadError(f"a constant has the shape {array.shape}: one number each is read")
     return np.ascontiguousarray(np.broadcast_to(array.reshape(-1), (size,)))

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.policy.onnx_file import NAMES, onnx_content
-from soter.policy.policy_errors import bad_policy, missing_package
+from soter.policy.policy_errors import bad_policy_error, missing_package_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -47,9 +47,9 @@ def _name_without_end(name: str) -> str:
 
 
 def memory_pairs(inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str]:
-    """The output whose value each memory input gets at the next step, by the input's name.
+    """For each memory input, by name, the output whose value it gets at the next step.
 
-    An input and an output are a pair if they alone have the same shape and the same name without
+    An input and an output are a pair if only they have the same shape and the same name without
     words of direction, or else also without an end such as `0` or `n`. The answer is in no pair.
     """
     found: dict[str, str] = {}
@@ -66,7 +66,7 @@ def memory_pairs(inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str
 
 
 def _have_one_shape(x: Any, y: Any) -> bool:  # noqa: ANN401 - no types
-    """Whether two values have the same type, and the same axes where both are fixed."""
+    """Whether two values have the same type, and the same size on every axis that both fix."""
     sizes = [[_fixed_size(n) for n in shape] for shape in (x.shape, y.shape)]
     fits = len(sizes[0]) == len(sizes[1]) and all(
         None in pair or pair[0] == pair[1] for pair in zip(*sizes, strict=True)
@@ -77,21 +77,23 @@ def _have_one_shape(x: Any, y: Any) -> bool:  # noqa: ANN401 - no types
 def _declared_pairs(
     path: Path, text: str, inputs: Sequence[Any], outputs: Sequence[Any]
 ) -> dict[str, str]:
-    """The pairs of memory that a program declares as `h0=hn,c0=cn`; X014 for unknown names."""
+    """The memory pairs that a program declares as `h0=hn,c0=cn`; raises X014 for unknown names."""
     names = [{x.name for x in inputs}, {x.name for x in outputs}]
     pairs = dict(part.split("=") for part in text.split(","))
     for before, after in pairs.items():
         if before not in names[0] or after not in names[1]:
             texts = [", ".join(f"`{n}`" for n in sorted(side)[:8]) for side in names]
             why = f"`{before}={after}`"[:80] + " is no input and output of it"
-            raise bad_policy(path, why, f"its inputs are {texts[0]}, its outputs {texts[1]}", SAY)
+            raise bad_policy_error(
+                path, why, f"its inputs are {texts[0]}, its outputs {texts[1]}", SAY
+            )
     return pairs
 
 
 def _answer_output(path: Path, outputs: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
-    """The output that is the answer, and an assumption if there are several outputs."""
+    """The output with the answer, and an assumption if several outputs exist."""
     if not outputs:
-        raise bad_policy(path, "it has no output that is an answer", SAY)
+        raise bad_policy_error(path, "it has no output that is an answer", SAY)
     output = next((x for x in outputs if x.name in NAMES), outputs[0])
     if len(outputs) == 1:
         return output, ()
@@ -100,12 +102,12 @@ def _answer_output(path: Path, outputs: Sequence[Any]) -> tuple[Any, tuple[str, 
 
 
 class OnnxSession:
-    """A loaded file: `observation` (inputs,) is written, `run()` answers (outputs,).
+    """A loaded file: the caller writes `observation` (inputs,), and `run()` answers (outputs,).
 
-    `memory`: the pairs that the program declares, or "". `keys`: the names of several observations
-    and how many numbers each has, in order. `shape`: the axes of the answer. `assumed`: what is
-    assumed as the file does not say it.
-    SoterError X003, X014; D007 without onnxruntime.
+    `memory`: the pairs that the program declares, or "". `keys`: for several observations, the
+    names and counts of numbers, in order. `shape`: the axes of the answer. `assumed`: facts that
+    are assumed because the file does not state them. Raises SoterError X003, X014; D007 without
+    onnxruntime.
     """
 
     def __init__(self, path: Path, memory: str = "") -> None:
@@ -118,7 +120,7 @@ class OnnxSession:
         )
         seen = [x for x in inputs if x.name not in pairs]
         if not seen:
-            raise bad_policy(path, "it has no input that is an observation", SAY)
+            raise bad_policy_error(path, "it has no input that is an observation", SAY)
         rest = [x for x in outputs if x.name not in pairs.values() or x.name in NAMES]
         output, self.assumed = _answer_output(path, rest)
         if pairs and not memory:
@@ -132,7 +134,7 @@ class OnnxSession:
         first = _first_outputs(path, session, zeros | kept, [output.name, *pairs.values()])
         answer = first[output.name]
         if not answer.size or answer.ndim > max(x.ndim for x in zeros.values()) + 1:
-            raise bad_policy(path, f"it answers an array of shape {answer.shape}")
+            raise bad_policy_error(path, f"it answers an array of shape {answer.shape}")
         _require_same_shapes(path, pairs, kept, first)
         self.is_whole, self.shape = answer.dtype == np.int64, answer.shape
         values = {name: ort_value(array) for name, array in (zeros | kept).items()}
@@ -147,7 +149,7 @@ class OnnxSession:
         self._memory = [(array, out[pairs[name]]) for name, array in kept.items()]
 
     def run(self) -> list[float]:
-        """The answer to `observation`; raises what onnxruntime raises."""
+        """The answer to `observation`; passes on errors of onnxruntime."""
         self._session.run_with_iobinding(self._binding)
         for kept, after in self._memory:
             kept[...] = after.numpy()
@@ -171,7 +173,7 @@ def _load_session(path: Path) -> tuple[Any, Callable[[npt.NDArray[Any]], Any]]:
         session = runtime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
     except Exception as error:
         why = f"onnxruntime does not load it: {' '.join(str(error).split())[:300]}"
-        raise bad_policy(path, why) from error
+        raise bad_policy_error(path, why) from error
     return session, runtime.OrtValue.ortvalue_from_numpy
 
 
@@ -184,16 +186,18 @@ def _observation_arrays(
     shapes = [tuple(_fixed_size(n) for n in x.shape) for x in seen]
     for x, shape in zip(seen, shapes, strict=True):
         if x.type not in DTYPES or not shape or shape[-1] is None:
-            raise bad_policy(path, f"its input `{x.name}` is a {x.type} of shape {x.shape}")
+            raise bad_policy_error(path, f"its input `{x.name}` is a {x.type} of shape {x.shape}")
         if output.type not in DTYPES or any(n not in (None, 1) for n in shape[:-1]):
             why = f"it answers a {output.type} for an input of shape {x.shape}"
-            raise bad_policy(path, why, "one observation is asked at a time: leading axes are 1")
+            raise bad_policy_error(
+                path, why, "one observation is asked at a time: leading axes are 1"
+            )
     if len({x.type for x in seen}) > 1:
         types = ", ".join(f"`{x.name}` {x.type}" for x in seen)
-        raise bad_policy(path, f"its inputs have other types: {types}", SAY)
+        raise bad_policy_error(path, f"its inputs have other types: {types}", SAY)
     sizes = [int(shape[-1] or 0) for shape in shapes]
     if sum(sizes) > NUMBERS_MAX:
-        raise bad_policy(path, f"it observes {sum(sizes)} numbers, more than are read")
+        raise bad_policy_error(path, f"it observes {sum(sizes)} numbers, more than are read")
     numbers = np.zeros(sum(sizes), DTYPES[seen[0].type])
     parts = np.split(numbers, np.cumsum(sizes)[:-1])
     return numbers, {
@@ -205,7 +209,9 @@ def _observation_arrays(
 def _zero_memory(path: Path, x: Any) -> npt.NDArray[Any]:  # noqa: ANN401
     """The memory at the start of an episode: zeros in the shape of an input."""
     if x.type not in DTYPES or math.prod(_fixed_size(n) or 1 for n in x.shape) > NUMBERS_MAX:
-        raise bad_policy(path, f"what it remembers, `{x.name}`, is a {x.type} of shape {x.shape}")
+        raise bad_policy_error(
+            path, f"what it remembers, `{x.name}`, is a {x.type} of shape {x.shape}"
+        )
     return np.zeros([_fixed_size(n) or 1 for n in x.shape], DTYPES[x.type])
 
 
@@ -215,14 +221,14 @@ def _first_outputs(
     inputs: dict[str, npt.NDArray[Any]],
     names: list[str],
 ) -> dict[str, npt.NDArray[Any]]:
-    """The outputs for these inputs, by name; X014 if the graph cannot be run."""
+    """The outputs for these inputs, by name; raises X014 if the graph cannot be run."""
     once = list(dict.fromkeys(names))
     try:
         answers = session.run(once, inputs)
         return {name: np.asarray(x) for name, x in zip(once, answers, strict=True)}
     except Exception as error:
         why = f"it cannot be asked: {' '.join(str(error).split())[:300]}"
-        raise bad_policy(path, why) from error
+        raise bad_policy_error(path, why) from error
 
 
 def _require_same_shapes(
@@ -231,12 +237,12 @@ def _require_same_shapes(
     kept: dict[str, npt.NDArray[Any]],
     first: dict[str, npt.NDArray[Any]],
 ) -> None:
-    """Raises X014 if an output cannot be the next value of its input."""
+    """Raises X014 if an output has another shape or type than its memory input."""
     for name, array in kept.items():
         after = first[pairs[name]]
         if array.shape != after.shape or array.dtype != after.dtype:
             why = f"`{name}` has the shape {array.shape}, `{pairs[name]}` {after.shape}"
-            raise bad_policy(path, why, SAY)
+            raise bad_policy_error(path, why, SAY)
 
 
 def _fixed_size(size: object) -> int | None:
@@ -250,5 +256,5 @@ def _import_onnxruntime() -> Any:  # noqa: ANN401 - no types
             warnings.simplefilter("ignore")
             import onnxruntime  # noqa: PLC0415 - an extra
     except ImportError as error:
-        raise missing_package("onnxruntime", "a policy in an ONNX file") from error
+        raise missing_package_error("onnxruntime", "a policy in an ONNX file") from error
     return onnxruntime

@@ -31,19 +31,19 @@ TUPLES = {"EMPTY_TUPLE": 0, "TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
 
 
 class PickleError(ValueError):
-    """The bytes are no pickle, or have opcodes that are not read here."""
+    """Reports bytes that are no pickle, or that have unsupported opcodes."""
 
 
 @dataclass(frozen=True)
 class Name:
-    """A class or function by module and name; it is not imported."""
+    """The module and name of a class or function, which is not imported."""
 
     text: str
 
 
 @dataclass
 class Made:
-    """A value that a pickle makes by a call: the name of what is called, and its arguments."""
+    """A value that a pickle makes by a call: the name of the called object, and the arguments."""
 
     name: str
     arguments: tuple[Any, ...]
@@ -54,7 +54,7 @@ class Made:
 
 @dataclass(frozen=True)
 class Persistent:
-    """A value that is stored outside of the pickle; `about`: the pickle's identifier of it."""
+    """A value that is stored outside of the pickle; `about` is its identifier in the pickle."""
 
     about: Any
 
@@ -64,7 +64,7 @@ class _Mark:
 
 
 def read_pickle(data: bytes) -> Any:  # noqa: ANN401 - whatever it holds
-    """The value in a pickle; PickleError if it holds anything that is not read here."""
+    """The value in a pickle; raises PickleError if a part of it is not supported."""
     machine = _Machine()
     try:
         with warnings.catch_warnings():
@@ -189,7 +189,7 @@ def _constant_value(name: str, argument: Any) -> Any:  # noqa: ANN401 - as above
 
 
 def read_array(value: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - whatever it holds
-    """The array in a pickle, in its shape, little-endian; PickleError if there is none."""
+    """The array in a pickle, in its shape, little-endian; raises PickleError if it has no array."""
     made = value if isinstance(value, Made) else Made("", ())
     shape: Any = ()
     order: Any = "C"
@@ -209,7 +209,7 @@ def read_array(value: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - whatever it ho
 
 
 def read_dtype(value: Any) -> np.dtype[Any]:  # noqa: ANN401 - whatever it holds
-    """The NumPy type that a pickle names; PickleError unless it is one of `DTYPES`."""
+    """The NumPy type that a pickle names; raises PickleError unless it is one of `DTYPES`."""
     if isinstance(value, Made) and value.name == "numpy.dtype" and value.arguments:
         text, state = value.arguments[0], value.state
         big = isinstance(state, tuple) and len(state) > 1 and state[1] == ">"

@@ -19,12 +19,12 @@ FILE_MAX = 256 * 2**20
 """Bytes of a policy's file; larger ones are refused."""
 
 
-def bad_policy(path: Path | str, why: str, *helps: str) -> SoterError:
-    """The error X014 that a file is no policy, or none that can be run."""
+def bad_policy_error(path: Path | str, why: str, *helps: str) -> SoterError:
+    """The error X014 for a file that is no policy, or no policy that can be run."""
     return SoterError((Diagnostic("X014", f"the policy `{path}`: {why}", helps=helps),))
 
 
-def missing_package(package: str, purpose: str) -> SoterError:
+def missing_package_error(package: str, purpose: str) -> SoterError:
     """The error D007 that a package is not installed."""
     help_ = f"install it: {pip_command('learn')}"
     return SoterError(
@@ -33,7 +33,7 @@ def missing_package(package: str, purpose: str) -> SoterError:
 
 
 def read_policy_bytes(path: Path) -> bytes:
-    """The bytes of a policy's file; SoterError X003 if it cannot be read."""
+    """The bytes of a policy's file; raises SoterError X003 if it cannot be read."""
     try:
         return read_bytes(path, FILE_MAX)
     except ReadError as error:

@@ -22,7 +22,7 @@ from soter.native.extern_bindings import FilePolicy
 from soter.policy.network import Clipped, numbers_text, prepare_network, standardised_numbers
 from soter.policy.onnx_file import onnx_content
 from soter.policy.onnx_session import SAY, OnnxSession
-from soter.policy.policy_errors import bad_policy, read_policy_bytes
+from soter.policy.policy_errors import bad_policy_error, read_policy_bytes
 from soter.policy.sb3_file import read_sb3
 from soter.policy.sb3_statistics import statistics_file_beside
 from soter.semantics.externs import Converted
@@ -47,9 +47,9 @@ OTHER_START = (
 
 
 class PolicyExtern(FilePolicy):
-    """A policy that answers an extern node; SoterError X003, X014, D007.
+    """A policy that answers an extern node; its making raises SoterError X003, X014, D007.
 
-    `assumed`: what is assumed as no file says it.
+    `assumed` are facts that are assumed because no file states them.
     """
 
     def __init__(self, binding: BindingText, reads: Shapes, answers: Shapes) -> None:
@@ -82,12 +82,12 @@ class PolicyExtern(FilePolicy):
         self._per_frame = policy.per_frame
         if self._per_frame is not None and self._per_frame.mean.size != count:
             frame = numbers_text(self._per_frame.mean.size)
-            raise bad_policy(path, f"a frame of it has {frame}, the node reads {count}")
+            raise bad_policy_error(path, f"a frame of it has {frame}, the node reads {count}")
         self.assumed = tuple(assumed)
         _require_answers(path, policy, answers)
 
     def reset(self, _seed: int) -> None:
-        """Forgets the older frames and the network's memory; the policy draws nothing."""
+        """Forgets older frames and the network's memory; ignores the seed, as it draws nothing."""
         self._observation[:] = 0.0
         self._forget()
 
@@ -112,14 +112,13 @@ def _joined_numbers(reads: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - numbers a
 
 
 class _LoadedNetwork(NamedTuple):
-    """The network of a file, ready to be asked, and how it answers.
+    """The network of a file, ready for use, and the form of its answers.
 
-    `observation`: where the caller writes what the network observes, (numbers,). `run` gives the
-    answer to it, `outputs` numbers; `forget` clears what the network remembers between answers.
-    `assumed`: what is assumed as the file does not say it. `whole_numbers`: whether its answers are
-    indices. `keys`: of observations by name, each name in order and how many numbers it has.
-    `shapes`, `acted`: as in `Policy`.
-    `per_frame`: the layer that scales each frame before frames are stacked, if there is one.
+    `observation`: the array for the caller to write the observation to, (numbers,). `run` gives the
+    answer, `outputs` numbers; `forget` clears all memory between answers. `assumed`: facts that no
+    file states. `whole_numbers`: the answers are indices. `keys`: for observations by name, each
+    name in order and its count of numbers. `shapes`, `acted`: as in `Policy`. `per_frame`: the
+    layer, if any, that scales each frame before stacking.
     """
 
     observation: npt.NDArray[Any]
@@ -168,11 +167,11 @@ def _load_network(binding: BindingText, path: Path) -> _LoadedNetwork:
 
 
 def frame_row_count(path: Path | str, shape: tuple[int, ...], size: int, reads: Shapes) -> int:
-    """The number of rows in which each frame of an observation lies; 1 if it lies in one piece.
+    """The number of rows over which each frame of an observation is spread; 1 if in one piece.
 
-    No file says whether `VecFrameStack` stacked along the first axis or the last: the shape of what
-    the node reads decides. `shape`: the observation's, () if it cannot be stacked; `size`: how many
-    numbers it has. SoterError X014 if the reads are no frame of it, or fit both ways of stacking.
+    No file says whether `VecFrameStack` stacked along the first or the last axis: the shape of the
+    reads decides. `shape` is the observation's, () if it cannot be stacked; `size` is its count of
+    numbers. Raises SoterError X014 if the reads are no frame, or fit both ways.
     """
     count = sum(n for name, t in reads for _, n in _number_paths(path, name, t))
     frames, rest = divmod(size, count) if count else (0, 1)
@@ -192,7 +191,7 @@ def frame_row_count(path: Path | str, shape: tuple[int, ...], size: int, reads: 
     if rows:
         why += f": {frames} frames, along the first axis or the last"
         help_ = f"read one topic in the shape of a frame: `float{'` or `float'.join(rows)}`"
-    raise bad_policy(path, why, help_)
+    raise bad_policy_error(path, why, help_)
 
 
 def _axes_of(t: Type) -> list[int]:
@@ -207,7 +206,7 @@ def reads_in_order(
     reads: Shapes,
     *helps: str,
 ) -> Shapes:
-    """A node's inputs in the order of the policy's names; SoterError X014 if they do not fit."""
+    """The node's inputs in the order of the policy's names; raises X014 if they do not fit."""
     known: dict[str, tuple[str, Type]] = {name: (name, t) for name, t in reads}
     name, of = reads[0] if len(reads) == 1 else ("", None)
     if isinstance(of, RecordType):
@@ -216,17 +215,19 @@ def reads_in_order(
         names = ", ".join(f"`{key}` ({numbers_text(n)})" for key, n in keys)
         why = f"it observes {names} by name, the node reads {', '.join(f'`{n}`' for n in known)}"
         help_ = "name topics like that, or one topic that is a record with these fields"
-        raise bad_policy(path, why, help_, *helps)
+        raise bad_policy_error(path, why, help_, *helps)
     for key, count in keys:
         read = sum(n for _, n in _number_paths(path, *known[key]))
         if read != count:
-            raise bad_policy(path, f"its `{key}` is {numbers_text(count)}, the node reads {read}")
+            raise bad_policy_error(
+                path, f"its `{key}` is {numbers_text(count)}, the node reads {read}"
+            )
         frame_row_count(path, shapes.get(key, ()), count, [known[key]])  # in the shape that it has
     return [known[key] for key, _ in keys]
 
 
 def sha256_of_files(binding: BindingText) -> dict[str, str]:
-    """The SHA-256 of each file of a binding, and of files that an ONNX file names; X003, X014."""
+    """The SHA-256 of each file of a binding, and of files an ONNX file names; raises X003, X014."""
     found = None
     if binding.kind == "sb3" and not binding.name:
         found = statistics_file_beside(Path(binding.file))
@@ -239,7 +240,7 @@ def sha256_of_files(binding: BindingText) -> dict[str, str]:
 
 
 def action_bounds(binding: BindingText) -> list[tuple[float, float]]:
-    """The least and largest of each number that a zip's policy answers; X003, X014, D007."""
+    """The range of each number that a zip's policy can answer; raises X003, X014, D007."""
     statistics = Path(binding.name) if binding.name else None
     network = read_sb3(Path(binding.file), statistics).network
     last = network.layers[-1]
@@ -263,11 +264,11 @@ def _number_paths(path: Path | str, name: str, t: Type) -> Iterator[tuple[str, i
         yield name, count
     else:
         why = f"`{name}` is a `{t}`, of which no numbers in a fixed order can be given to it"
-        raise bad_policy(path, why, "bind a class in Python that maps it, with --bind")
+        raise bad_policy_error(path, why, "bind a class in Python that maps it, with --bind")
 
 
 def _array_number_count(t: Type) -> int:
-    """How many numbers an array has, nested arrays included; 0 for other types."""
+    """The count of numbers in an array, with nested arrays; 0 for other types."""
     if isinstance(t, ArrayType):
         return t.size * (1 if isinstance(t.element, NUMBERS) else _array_number_count(t.element))
     return 0
@@ -286,7 +287,7 @@ def _value_builder(path: Path, name: str, t: Type) -> Callable[[Iterator[float]]
     if isinstance(t, (IntType, EnumType)):
         low, high = (0, len(t.members) - 1) if isinstance(t, EnumType) else (t.low, t.high)
         return lambda numbers: _checked_index(next(numbers), low, high)
-    raise bad_policy(path, f"it cannot answer `{name}`, a `{t}`")
+    raise bad_policy_error(path, f"it cannot answer `{name}`, a `{t}`")
 
 
 def _checked_index(number: float, low: int, high: int) -> int:
@@ -307,32 +308,32 @@ def _scalar_types(t: Type) -> Iterator[Type]:
 
 
 def _require_answers(path: Path, policy: _LoadedNetwork, answers: Shapes) -> None:
-    """Raises X014 if the policy's answer is not what the node publishes."""
+    """Raises X014 if the policy's answer does not fit the topics that the node publishes."""
     kinds = [k for _, t in answers for k in _scalar_types(t)]
     names = ", ".join(f"`{name}`" for name, _ in answers)
     if len(kinds) != policy.outputs:
         why = f"it answers {numbers_text(policy.outputs)}, the node publishes "
-        raise bad_policy(path, f"{why}{len(kinds)} ({names})")
+        raise bad_policy_error(path, f"{why}{len(kinds)} ({names})")
     require_axes(path, policy.acted, answers)
     if not policy.whole_numbers and any(not isinstance(k, FloatType) for k in kinds):
         why = f"it answers numbers with fractions, and {names} takes whole ones"
-        raise bad_policy(path, why, "a file whose answer is an index (ArgMax) can choose")
+        raise bad_policy_error(path, why, "a file whose answer is an index (ArgMax) can choose")
 
 
 def require_axes(path: Path | str, acted: tuple[int, ...], answers: Shapes) -> None:
-    """Raises X014 if the answer's numbers have other rows than the topic."""
+    """Raises X014 if the axes of the answer differ from the axes of the topic."""
     axes, acted_axes = ([n for n in sizes if n > 1] for sizes in (_axes_of(answers[0][1]), acted))
     if len(answers) == 1 and min(len(axes), len(acted_axes)) > 1 and axes != acted_axes:
         name, shape = answers[0][0], " x ".join(map(str, acted))
         rows = "".join(f"[{n}]" for n in reversed(acted_axes))
         help_ = f"publish `float{rows}`, or `float[{prod(acted_axes)}]` for all in one row"
-        raise bad_policy(path, f"it answers {shape} numbers, `{name}` has other rows", help_)
+        raise bad_policy_error(path, f"it answers {shape} numbers, `{name}` has other rows", help_)
 
 
 def load_policy(
     binding: BindingText, reads: Shapes, answers: Shapes, span: Span | None
 ) -> PolicyExtern:
-    """The policy of a binding; SoterError X003, X014, D007 at the node's declaration."""
+    """The policy of a binding; raises SoterError X003, X014, D007 at the node's declaration."""
     try:
         return PolicyExtern(binding, reads, answers)
     except SoterError as error:

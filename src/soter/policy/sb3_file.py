@@ -27,7 +27,7 @@ from soter.policy.network import (
     network_problem,
 )
 from soter.policy.pickle_data import Name, PickleError
-from soter.policy.policy_errors import bad_policy, read_policy_bytes
+from soter.policy.policy_errors import bad_policy_error, read_policy_bytes
 from soter.policy.sb3_spaces import (
     NUMBERS_MAX,
     bit_count,
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 
 class _Kind(NamedTuple):
-    """How a class of policies keeps the network that `predict` asks."""
+    """How a class of policies stores the network that `predict` uses."""
 
     algorithms: str
     hidden: tuple[str, ...]
@@ -124,16 +124,16 @@ NORM_EPSILON = 1e-3
 
 
 def read_sb3(path: Path, statistics: Path | None = None) -> Policy:
-    """The policy in a file; `statistics`: the file of its VecNormalize. SoterError X003, X014.
+    """The policy in a file; `statistics`: the file of its VecNormalize. Raises X003, X014.
 
-    With None, statistics are taken from a file beside the policy's, if there is one.
+    With None, the statistics come from a file beside the policy's file, if it exists.
     """
     no_zip = "it is no zip, which is what Stable-Baselines3's `model.save` writes"
     try:
         with open_zip(path, read_policy_bytes(path), no_zip) as parts:
             policy = _read_policy(path, parts)
     except (PickleError, RecursionError) as error:
-        raise bad_policy(path, str(error), EXPORT) from error
+        raise bad_policy_error(path, str(error), EXPORT) from error
     return policy_with_statistics(policy, statistics)
 
 
@@ -146,7 +146,7 @@ def _read_policy(path: Path, parts: zipfile.ZipFile) -> Policy:
     )
     weights = read_tensors(path, zip_part(path, parts, "policy.pth"))
     if any("features_extractor." in key for key in weights):
-        raise bad_policy(path, "its features are computed by layers of their own", EXPORT)
+        raise bad_policy_error(path, "its features are computed by layers of their own", EXPORT)
     options = _policy_options(path, data)
     squashed = space_kind(actions) == "Box" and flag(
         path, options, "squash_output", default=kind.squashed
@@ -158,7 +158,7 @@ def _read_policy(path: Path, parts: zipfile.ZipFile) -> Policy:
         layers += _action_layers(path, actions, squashed=squashed)
     network = Network(len(layout.sizes), tuple(layers), choices)
     if why := network_problem(network):
-        raise bad_policy(path, why)
+        raise bad_policy_error(path, why)
     return Policy(
         str(path),
         network,
@@ -192,18 +192,18 @@ def _policy_kind(path: Path, data: Mapping[str, Any]) -> tuple[_Kind, str]:
     if name not in KINDS:
         known = ", ".join(dict.fromkeys(k.algorithms for k in KINDS.values()))
         helps = f"what can be read: {known} with `MlpPolicy` or `MultiInputPolicy`", EXPORT
-        raise bad_policy(path, f"its policy class is `{name[:80]}`", *helps)
+        raise bad_policy_error(path, f"its policy class is `{name[:80]}`", *helps)
     return KINDS[name], name.rpartition(".")[2]
 
 
 def _policy_options(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
-    """The `policy_kwargs`; X014 for one that changes the answer and is not read here."""
+    """The `policy_kwargs`; raises X014 for an unsupported option that changes the answer."""
     options = decode_value(path, data.get("policy_kwargs"))
     if not isinstance(options, dict):
-        raise bad_policy(path, "its `policy_kwargs` are no dict")
+        raise bad_policy_error(path, "its `policy_kwargs` are no dict")
     if more := sorted(set(options) - IGNORED):
         why = f"its `policy_kwargs` have `{more[0][:40]}`, which is not read here"
-        raise bad_policy(path, why, EXPORT)
+        raise bad_policy_error(path, why, EXPORT)
     return options
 
 
@@ -217,13 +217,13 @@ def _activation_layers(path: Path, kind: _Kind, options: Mapping[str, Any]) -> l
     if module.startswith("torch.nn.modules.") and name in layers | ACTIVATIONS:
         return layers[name] if name in layers else [Activation(name)]
     known = ", ".join(sorted([*layers, *ACTIVATIONS]))
-    raise bad_policy(path, f"its activation is `{text[:60]}`", f"{known} are read", EXPORT)
+    raise bad_policy_error(path, f"its activation is `{text[:60]}`", f"{known} are read", EXPORT)
 
 
 def _number_option(path: Path, options: Mapping[str, Any], name: str, default: float) -> float:
     value = options.get(name, default)
     if not isinstance(value, (int, float)) or not abs(value) < NUMBERS_MAX:
-        raise bad_policy(path, f"its `{name}` is no number")
+        raise bad_policy_error(path, f"its `{name}` is no number")
     return float(value)
 
 
@@ -242,20 +242,20 @@ def _layers(path: Path, kind: _Kind, options: Mapping[str, Any], weights: Tensor
             made.pop()  # nothing follows the last of them
     elif f"{kind.last}.0.weight" in weights:  # of gSDE
         limit = np.float32(_number_option(path, options, "clip_mean", MEAN_LIMIT))
-        last = _linear(path, f"{kind.last}.0", weights)
+        last = _linear_layer(path, f"{kind.last}.0", weights)
         ends = np.full(last.bias.size, limit)
         made += [last, Clipped(-ends, ends)]
     else:
-        made.append(_linear(path, kind.last, weights))
+        made.append(_linear_layer(path, kind.last, weights))
     if not made:
-        raise bad_policy(path, f"it has no layer `{kind.hidden[-1]}0`")
+        raise bad_policy_error(path, f"it has no layer `{kind.hidden[-1]}0`")
     return made
 
 
 def _hidden_layers(
     path: Path, prefix: str, weights: Tensors, activation: list[Layer], epsilon: float
 ) -> Iterator[Layer]:
-    """Yields the layers of a `Sequential`: linear ones with activations, and normalising ones."""
+    """Yields the layers of a `Sequential`: linear with activations, and normalising layers."""
     numbers = {
         int(number)
         for key in weights
@@ -268,34 +268,38 @@ def _hidden_layers(
         normal = f"{name}.ra_mean" in weights
         if place != expected:
             why = f"its layers `{prefix}...` are no linear ones with activations"
-            raise bad_policy(path, why, EXPORT)
+            raise bad_policy_error(path, why, EXPORT)
         yield from (
-            _renorm(path, name, weights, epsilon) if normal else (_linear(path, name, weights),)
+            _batch_renorm_layers(path, name, weights, epsilon)
+            if normal
+            else (_linear_layer(path, name, weights),)
         )
         if not normal:
             yield from activation
         expected += 1 if normal else 2
 
 
-def _linear(path: Path, name: str, weights: Tensors) -> Affine:
+def _linear_layer(path: Path, name: str, weights: Tensors) -> Affine:
     weight, bias = weights.get(f"{name}.weight"), weights.get(f"{name}.bias")
     if weight is None:
-        raise bad_policy(path, f"it has no layer `{name}`")
+        raise bad_policy_error(path, f"it has no layer `{name}`")
     no_biases = not any(key.endswith(".bias") for key in weights)
     if bias is None and weight.ndim == 2 and no_biases:  # as ARS may say
         bias = np.zeros(len(weight), np.float32)
     if weight.ndim != 2 or bias is None or bias.shape != weight.shape[:1] or not weight.size:
-        raise bad_policy(path, f"its layer `{name}` is no matrix and a number for each row")
+        raise bad_policy_error(path, f"its layer `{name}` is no matrix and a number for each row")
     return Affine(weight, bias)
 
 
-def _renorm(path: Path, name: str, weights: Tensors, epsilon: float) -> Iterator[Layer]:
-    """Yields the layers that do what a `BatchRenorm` does in use, not in training."""
+def _batch_renorm_layers(
+    path: Path, name: str, weights: Tensors, epsilon: float
+) -> Iterator[Layer]:
+    """Yields the layers that act like a trained `BatchRenorm`."""
     parts = _named_tensors(
         path, weights, [f"{name}.{k}" for k in ("ra_mean", "ra_var", "scale", "bias")]
     )
     if any(x.ndim != 1 or x.shape != parts[0].shape for x in parts):
-        raise bad_policy(path, f"its layer `{name}` normalises without a number for each")
+        raise bad_policy_error(path, f"its layer `{name}` normalises without a number for each")
     mean, variance, scale, bias = parts
     yield Elementwise("-", mean)
     yield Elementwise("/", np.sqrt(variance + np.float32(epsilon)))
@@ -304,9 +308,9 @@ def _renorm(path: Path, name: str, weights: Tensors, epsilon: float) -> Iterator
 
 
 def _named_tensors(path: Path, weights: Tensors, names: Sequence[str]) -> list[Floats]:
-    """The tensors of these names; X014 if one is missing."""
+    """The tensors with these names; raises X014 if a tensor is missing."""
     if missing := [name for name in names if name not in weights]:
-        raise bad_policy(path, f"it has no numbers `{missing[0]}`", EXPORT)
+        raise bad_policy_error(path, f"it has no numbers `{missing[0]}`", EXPORT)
     return [weights[name] for name in names]
 
 
@@ -321,11 +325,15 @@ def _lstm_layers(path: Path, kind: _Kind, weights: Tensors) -> Iterator[Layer]:
         size = back.size and back.shape[-1]
         fits = into.ndim == back.ndim == 2 and len(into) == len(back) == 4 * size > 0
         if not fits or any(b.shape != (4 * size,) for b in biases):
-            raise bad_policy(path, f"its LSTM `{kind.memory}` has matrices of other sizes", EXPORT)
+            raise bad_policy_error(
+                path, f"its LSTM `{kind.memory}` has matrices of other sizes", EXPORT
+            )
         yield Lstm(np.hstack([into, back]), biases[0] + biases[1])
     others = [k for k in weights if kind.memory and k.startswith(kind.memory)]
     if len(others) != 4 * count or (kind.memory and not count):
-        raise bad_policy(path, f"its LSTM `{kind.memory}` has other numbers than read here", EXPORT)
+        raise bad_policy_error(
+            path, f"its LSTM `{kind.memory}` has other numbers than read here", EXPORT
+        )
 
 
 # ---------------------------------------------------------------- the action
@@ -338,12 +346,12 @@ def _choice_layers(
     name = space_kind(actions)
     if name == "Box":
         if kind.values:
-            raise bad_policy(
+            raise bad_policy_error(
                 path, "it chooses one of several actions, but its action space is a Box"
             )
         return [last], ()
     if kind.squashed and kind is not _ARS:
-        raise bad_policy(path, f"its action space is a {name}, which it cannot answer")
+        raise bad_policy_error(path, f"its action space is a {name}, which it cannot answer")
     if name == "MultiBinary":
         count = bit_count(path, actions)
         if not kind.pairs and isinstance(last, Affine):  # a bit is whether its number is above 0
@@ -355,9 +363,11 @@ def _choice_layers(
         return [last], sizes
     each, rest = divmod(last.bias.size, sizes[0])
     if rest:
-        raise bad_policy(path, f"it has {last.bias.size} quantiles for {sizes[0]} actions")
+        raise bad_policy_error(path, f"it has {last.bias.size} quantiles for {sizes[0]} actions")
     if last.bias.size * sizes[0] > NUMBERS_MAX:
-        raise bad_policy(path, f"it has {last.bias.size} quantiles, more than are read", EXPORT)
+        raise bad_policy_error(
+            path, f"it has {last.bias.size} quantiles, more than are read", EXPORT
+        )
     together = np.tile(np.eye(sizes[0], dtype=np.float32), each)
     each_of = np.full(sizes[0], each, np.float32)
     zeros = np.zeros(sizes[0], np.float32)
@@ -370,7 +380,7 @@ def _action_layers(path: Path, actions: Made, *, squashed: bool) -> list[Layer]:
     if not squashed:
         return [Clipped(low, high)]
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
-        raise bad_policy(path, "its actions have no bounds, which it scales its answer to")
+        raise bad_policy_error(path, "its actions have no bounds, which it scales its answer to")
     half = np.float32(0.5) * (high - low)  # exact: a power of two
     scaled: list[Layer] = [Elementwise("+", np.ones_like(low)), Elementwise("*", half)]
     return [Tanh(), *scaled, Elementwise("+", low), Clipped(low, high)]

@@ -15,7 +15,7 @@ import numpy as np
 
 from soter.policy.network import OneHot
 from soter.policy.pickle_data import Made, read_array
-from soter.policy.policy_errors import bad_policy
+from soter.policy.policy_errors import bad_policy_error
 from soter.policy.sb3_zip import EXPORT
 
 if TYPE_CHECKING:
@@ -31,11 +31,11 @@ NUMBERS_MAX, NAME_MAX = 1_000_000, 80
 
 
 class ObservationLayout(NamedTuple):
-    """What a policy observes.
+    """The observations of a policy.
 
-    `sizes`: for each number, how many choices it stands for, 0 for a plain number. `shown`: the
-    space in words. `box`: the least and the largest numbers, if finite. `keys`: the names of
-    observations and how many numbers each has. `shapes`: the axes of each Box by its name.
+    `sizes`: for each number, the count of choices that it encodes, 0 for a plain number. `shown`:
+    the space in words. `box`: the least and largest numbers, if finite. `keys`: the names of
+    observations and their counts of numbers. `shapes`: the axes of each Box by name.
     """
 
     sizes: tuple[int, ...]
@@ -58,15 +58,15 @@ def space_kind(space: Made) -> str:
 def require_space(path: Path, space: object, which: str, kinds: Mapping[str, object]) -> Made:
     """The space, if it is of one of these kinds; else SoterError X014."""
     if not isinstance(space, Made) or not isinstance(space.state, dict):
-        raise bad_policy(path, f"it does not say its {which}")
+        raise bad_policy_error(path, f"it does not say its {which}")
     if space_kind(space) not in kinds:
         why = f"its {which} is a `{space_kind(space)[:40]}`"
-        raise bad_policy(path, why, f"what can be read: {', '.join(kinds)}")
+        raise bad_policy_error(path, why, f"what can be read: {', '.join(kinds)}")
     return space
 
 
 def observation_layout(path: Path, space: object) -> ObservationLayout:
-    """The layout of what a policy observes, from its space; SoterError X014 for other spaces."""
+    """The layout of a policy's observations, from their space; raises X014 for other spaces."""
     made = require_space(path, space, "observation space", OBSERVED)
     return OBSERVED[space_kind(made)](path, made)
 
@@ -75,9 +75,9 @@ def _box_layout(path: Path, space: Made) -> ObservationLayout:
     shape = space_shape(path, space)
     low, high = box_bounds(path, space)
     if len(shape) == 3 and low.dtype == np.uint8:
-        raise bad_policy(path, f"its observations are images of shape {shape}", EXPORT)
+        raise bad_policy_error(path, f"its observations are images of shape {shape}", EXPORT)
     if low.size != math.prod(shape):
-        raise bad_policy(path, "the bounds of a Box are not one for each number")
+        raise bad_policy_error(path, "the bounds of a Box are not one for each number")
     ends = low.astype(np.float64), high.astype(np.float64)
     hull = None
     if all(np.isfinite(end).all() for end in ends):
@@ -87,10 +87,10 @@ def _box_layout(path: Path, space: Made) -> ObservationLayout:
 
 
 def space_shape(path: Path, space: Made) -> tuple[int, ...]:
-    """The axes of a Box; SoterError X014 if it has none."""
+    """The axes of a Box; raises SoterError X014 if it has none."""
     shape = space.state.get("_shape")
     if not isinstance(shape, tuple) or not all(isinstance(n, int) and n > 0 for n in shape):
-        raise bad_policy(path, f"a Box of it has the shape {shape!r:.60}")
+        raise bad_policy_error(path, f"a Box of it has the shape {shape!r:.60}")
     return shape
 
 
@@ -111,14 +111,14 @@ def _dict_layout(path: Path, space: Made) -> ObservationLayout:
     kept = space.state.get("spaces")
     inner = kept.items if isinstance(kept, Made) else kept  # an OrderedDict is made
     if not isinstance(inner, dict) or not inner:
-        raise bad_policy(path, "its observations by name have no names")
+        raise bad_policy_error(path, "its observations by name have no names")
     parts = {name: observation_layout(path, part) for name, part in inner.items()}
     if not all(name.isprintable() and len(name) <= NAME_MAX for name in inner):
-        raise bad_policy(path, "a name of its observations is no name")
+        raise bad_policy_error(path, "a name of its observations is no name")
     if sum(len(part.sizes) for part in parts.values()) > NUMBERS_MAX:
-        raise bad_policy(path, "it observes more numbers than are read")
+        raise bad_policy_error(path, "it observes more numbers than are read")
     if nested := [name for name, part in parts.items() if part.keys]:
-        raise bad_policy(path, f"its observation `{nested[0][:40]}` is by name again", EXPORT)
+        raise bad_policy_error(path, f"its observation `{nested[0][:40]}` is by name again", EXPORT)
     return ObservationLayout(
         tuple(size for part in parts.values() for size in part.sizes),
         ", ".join(f"`{name}` {part.shown}" for name, part in parts.items()),
@@ -129,7 +129,7 @@ def _dict_layout(path: Path, space: Made) -> ObservationLayout:
 
 
 def _joined_box(boxes: list[tuple[Doubles, Doubles] | None]) -> tuple[Doubles, Doubles] | None:
-    """The bounds of all numbers as one pair of arrays; None if a number is unbounded."""
+    """The bounds of all numbers as one pair of arrays; None if any number has no bound."""
     known = [box for box in boxes if box is not None]
     if len(known) < len(boxes):
         return None
@@ -147,17 +147,17 @@ OBSERVED = {
 
 
 def box_bounds(path: Path, space: Made) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """The least and the largest of each number of a Box, (n,); SoterError X014."""
+    """The least and the largest of each number of a Box, (n,); raises SoterError X014."""
     low, high = (read_array(space.state.get(k)).reshape(-1) for k in ("low", "high"))
     if low.shape != high.shape or not low.size:
-        raise bad_policy(path, "the bounds of a Box are not one for each number")
+        raise bad_policy_error(path, "the bounds of a Box are not one for each number")
     return low, high
 
 
 def choice_counts(path: Path, space: Made) -> tuple[int, ...]:
-    """How many choices a Discrete or each part of a MultiDiscrete has; SoterError X014.
+    """The count of choices of a Discrete, or of each part of a MultiDiscrete; raises X014.
 
-    X014, too, if they do not begin at 0.
+    Also raises X014 if the choices do not begin at 0.
     """
     if space_kind(space) == "Discrete":
         sizes, starts = [integer_setting(space, "n")], [integer_setting(space, "start", 0)]
@@ -166,24 +166,24 @@ def choice_counts(path: Path, space: Made) -> tuple[int, ...]:
         sizes = read_array(space.state.get("nvec")).reshape(-1).tolist()
         starts = [] if start is None else read_array(start).reshape(-1).tolist()
     if not all(isinstance(n, int) and n > 0 for n in sizes) or sum(sizes) > NUMBERS_MAX:
-        raise bad_policy(path, "it does not say how many there are to choose from")
+        raise bad_policy_error(path, "it does not say how many there are to choose from")
     if any(starts):
-        raise bad_policy(path, "what it chooses from does not begin at 0", EXPORT)
+        raise bad_policy_error(path, "what it chooses from does not begin at 0", EXPORT)
     return tuple(sizes)
 
 
 def bit_count(path: Path, space: Made) -> int:
-    """How many bits a MultiBinary has; SoterError X014."""
+    """How many bits a MultiBinary has; raises SoterError X014."""
     n = space.state.get("n")
     sizes = n if isinstance(n, tuple) else (integer_setting(space, "n"),)
     count = math.prod(x if isinstance(x, int) and x > 0 else 0 for x in sizes)
     if not 0 < count <= NUMBERS_MAX // 100:
-        raise bad_policy(path, "it does not say how many bits it has, or too many")
+        raise bad_policy_error(path, "it does not say how many bits it has, or too many")
     return count
 
 
 def integer_setting(space: Made, which: str, default: int = -1) -> int:
-    """A setting that is an int, Python's in older files, NumPy's in newer ones; else `default`."""
+    """The int in a setting (Python's in older files, NumPy's in newer ones); else `default`."""
     value = space.state.get(which, default)
     if isinstance(value, Made):
         numbers = read_array(value)

@@ -17,7 +17,7 @@ import numpy as np
 from soter.language.load.named_files import NO_STATISTICS
 from soter.policy.network import Policy, Standardised, numbers_text
 from soter.policy.pickle_data import Made, PickleError, read_array, read_pickle
-from soter.policy.policy_errors import bad_policy, read_policy_bytes
+from soter.policy.policy_errors import bad_policy_error, read_policy_bytes
 from soter.policy.sb3_zip import flag
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ CHECKPOINT = re.compile(r"(.+)_(\d+_steps)")
 
 
 def statistics_file_beside(path: Path) -> Path | None:
-    """The file of statistics beside a policy, or None; SoterError X014 if two may be meant."""
+    """The statistics file beside a policy, or None; raises X014 if it could be two files."""
     names = [name.format(path.stem) for name in OWN]
     if saved := CHECKPOINT.fullmatch(path.stem):
         names.append(f"{saved[1]}_vecnormalize_{saved[2]}.pkl")
@@ -40,14 +40,14 @@ def statistics_file_beside(path: Path) -> Path | None:
         files = [at for name in group if (at := path.parent / name).is_file()]
         if len(files) > 1:
             why = f"`{files[0].name}` and `{files[1].name}` lie beside it"
-            raise bad_policy(path, why, *_naming_helps(path, files[0]))
+            raise bad_policy_error(path, why, *_naming_helps(path, files[0]))
         if files:
             return files[0]
     return None
 
 
 def _naming_helps(path: Path, statistics: Path) -> tuple[str, ...]:
-    """Help lines on how to name the statistics that are meant."""
+    """Help lines about how to name the right statistics file."""
     named = statistics.name if statistics.parent == path.parent else statistics
     return (
         f'name them: "sb3:{path.name}:{named}", or `--statistics` of `soter policy`',
@@ -56,9 +56,9 @@ def _naming_helps(path: Path, statistics: Path) -> tuple[str, ...]:
 
 
 def policy_with_statistics(policy: Policy, named: Path | None) -> Policy:
-    """The policy with its statistics as first layer, or with an assumption if there are none.
+    """The policy with its statistics as the first layer, or with an assumption if it has none.
 
-    SoterError X003, X014.
+    Raises SoterError X003, X014.
     """
     path = Path(policy.path)
     facts = dict(policy.facts)
@@ -73,7 +73,7 @@ def policy_with_statistics(policy: Policy, named: Path | None) -> Policy:
     try:
         made = _policy_with_layer(policy, statistics, facts)
     except (PickleError, RecursionError) as error:
-        raise bad_policy(statistics, str(error)) from error
+        raise bad_policy_error(statistics, str(error)) from error
     if found is None:
         return made
     assumed = f"observations are normalised by `{found.relative_to(path.parent)}`, found beside it"
@@ -96,7 +96,7 @@ def _policy_with_layer(policy: Policy, statistics: Path, facts: dict[str, str]) 
         facts["normalised"] += f", each of {inputs // size} frames before they are stacked"
         return replace(policy, facts=facts, per_frame=layer)
     why = f"it is of {numbers_text(size)}, the policy takes {inputs}"
-    raise bad_policy(statistics, why, *_naming_helps(Path(policy.path), statistics)[1:])
+    raise bad_policy_error(statistics, why, *_naming_helps(Path(policy.path), statistics)[1:])
 
 
 def _vecnormalize_state(path: Path) -> dict[str, Any]:
@@ -104,7 +104,7 @@ def _vecnormalize_state(path: Path) -> dict[str, Any]:
     known = isinstance(made, Made) and made.name.partition(".")[0] == "stable_baselines3"
     state = made.state if known and made.name.endswith(".VecNormalize") else None
     if not isinstance(state, dict):
-        raise bad_policy(path, "it is no VecNormalize that `env.save` wrote")
+        raise bad_policy_error(path, "it is no VecNormalize that `env.save` wrote")
     return state
 
 
@@ -114,14 +114,16 @@ def _statistics_layer(
     """The layer that scales observations as VecNormalize does; `keys`: their names and sizes."""
     epsilon, limit = state.get("epsilon"), state.get("clip_obs")
     if not (isinstance(epsilon, (int, float)) and isinstance(limit, (int, float)) and limit > 0):
-        raise bad_policy(path, "its `epsilon` and `clip_obs` are no positive numbers")
+        raise bad_policy_error(path, "its `epsilon` and `clip_obs` are no positive numbers")
     saved = state.get("obs_rms")
     by_name = {"": saved} if isinstance(saved, Made) else saved
     if not isinstance(by_name, dict) or (isinstance(saved, Made) and keys):
-        raise bad_policy(path, "it has no mean and variance of what the policy observes")
+        raise bad_policy_error(path, "it has no mean and variance of what the policy observes")
     counts = dict(keys) if keys else {"": -1}
     if unknown := sorted(set(by_name) - set(counts)):
-        raise bad_policy(path, f"it is of `{unknown[0][:40]}`, which the policy does not observe")
+        raise bad_policy_error(
+            path, f"it is of `{unknown[0][:40]}`, which the policy does not observe"
+        )
     blocks = [
         _scaling(path, by_name.get(key), count, epsilon, limit) for key, count in counts.items()
     ]
@@ -131,17 +133,21 @@ def _statistics_layer(
 def _scaling(
     path: Path, moments: object, count: int, epsilon: float, limit: float
 ) -> tuple[Doubles, Doubles, Doubles]:
-    """The mean, deviation and limit, (n,) each, of an observation; no `moments`: no change."""
+    """The mean, deviation and limit of an observation, (n,) each; no change without `moments`."""
     if moments is None:
         return np.zeros(count), np.ones(count), np.full(count, np.inf)
     if not isinstance(moments, Made) or not isinstance(moments.state, dict):
-        raise bad_policy(path, "its statistics have no mean and variance")
+        raise bad_policy_error(path, "its statistics have no mean and variance")
     mean, variance = (read_array(moments.state.get(k)) for k in ("mean", "var"))
     if mean.shape != variance.shape or {mean.dtype, variance.dtype} != {np.dtype(np.float64)}:
-        raise bad_policy(path, "its mean and variance are no lists of float64 of one length")
+        raise bad_policy_error(path, "its mean and variance are no lists of float64 of one length")
     if count not in (-1, mean.size):
-        raise bad_policy(path, f"it is of {numbers_text(mean.size)}, the policy takes {count}")
+        raise bad_policy_error(
+            path, f"it is of {numbers_text(mean.size)}, the policy takes {count}"
+        )
     mean, shifted = mean.reshape(-1), variance.reshape(-1) + epsilon
     if not (np.isfinite(mean).all() and np.isfinite(shifted).all() and (shifted > 0.0).all()):
-        raise bad_policy(path, "its mean and variance are not finite, or a variance is negative")
+        raise bad_policy_error(
+            path, "its mean and variance are not finite, or a variance is negative"
+        )
     return mean, np.sqrt(shifted), np.full(mean.size, float(limit))

@@ -35,7 +35,7 @@ from soter.policy.network import (
     Standardised,
     Tanh,
 )
-from soter.policy.policy_errors import bad_policy
+from soter.policy.policy_errors import bad_policy_error
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -75,8 +75,8 @@ class _Numbers:
 def error_bound(network: Network, low: Doubles, high: Doubles) -> Doubles:
     """A bound of |float64 - float32|, (outputs,), for observations in [low, high], (inputs,).
 
-    Infinite if numbers may be too large for float32, or for layers that are not written as Soter
-    (`unwritable_part`). With low == high it is the bound of one observation. The float32
+    The bound is infinite if numbers may be too large for float32, or if a layer cannot be written
+    in Soter (`unwritable_part`). With low == high, it is the bound for one observation. The float32
     computation begins with the observation rounded to float32.
     """
     if unwritable_part(network):
@@ -177,7 +177,7 @@ def _elementwise_error(layer: Elementwise, x: _Numbers) -> _Numbers:
 
 
 def _standardised_error(layer: Standardised, x: _Numbers) -> _Numbers:
-    """The errors of a layer that both compute in float64; one begins and ends in float32."""
+    """The errors of a layer that both compute in float64; float32 rounds its input and output."""
     deviation, limit = layer.deviation, layer.limit
     error = []
     for before in (x.single, x.double):
@@ -197,7 +197,7 @@ COLUMNS = 96
 
 
 def unwritable_part(network: Network) -> str:
-    """The part of a network that cannot be written as Soter, in words; "" if there is none."""
+    """The part of a network that cannot be written in Soter, in words; "" if it all can."""
     if any(isinstance(layer, Lstm) for layer in network.layers):
         return "memory (an LSTM)"
     if names := [layer.name for layer in network.layers if isinstance(layer, Activation)]:
@@ -208,22 +208,22 @@ def unwritable_part(network: Network) -> str:
 
 
 def soter_source(policy: Policy, notes: Sequence[str]) -> str:
-    """The policy in Soter; `notes`: lines of its comment. SoterError X014 if it cannot be written.
+    """The policy in Soter, with comment lines `notes`; raises X014 if it cannot be written.
 
-    It has `fun act(x: float[inputs]): float[outputs]`; a choice is an `int in [0, n-1]` instead.
+    It has `fun act(x: float[inputs]): float[outputs]`; a choice gives an `int in [0, n-1]`.
     """
     network = policy.network
     ask = "ask it in its own process: `extern` in the program"
     if unwritten := unwritable_part(network):
-        raise bad_policy(policy.path, f"it has {unwritten}, not written as a function", ask)
+        raise bad_policy_error(policy.path, f"it has {unwritten}, not written as a function", ask)
     if network.weight_count > WEIGHTS_MAX:
         why = (
             f"it has {network.weight_count:,} weights: up to {WEIGHTS_MAX:,} are written as tables"
         )
-        raise bad_policy(policy.path, why, ask)
+        raise bad_policy_error(policy.path, why, ask)
     if policy.per_frame is not None:
         why = "it normalises frames before it stacks them, which is not written as a function"
-        raise bad_policy(policy.path, why)
+        raise bad_policy_error(policy.path, why)
     constants: list[str] = []
     steps: list[str] = []
     size, at = network.inputs, "x"
@@ -255,7 +255,7 @@ def _choice_code(at: str, size: int) -> Iterator[str]:
 
 
 def _layer_code(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], list[str]]:
-    """Constants and statements that make `h{number}` of `at`, which has `size` numbers."""
+    """Constants and statements that compute `h{number}` from `at`, which has `size` numbers."""
     here, letter = f"h{number}", f"L{number}"
     if isinstance(layer, Affine):
         rows = layer.weight.shape[0]

@@ -34,7 +34,7 @@ WRITERS: WeakSet[Channel] = WeakSet()
 
 @lru_cache(maxsize=1)
 def compiled_library() -> tuple[Any, Any]:
-    """Gives the cffi object and the loaded library; SoterError X004, X005 if C cannot compile."""
+    """Gives the cffi object and the loaded library; raises X004, X005 if C cannot compile."""
     compiler = find_compiler()
     flags = (*STRICT, "-O2", "-fPIC", "-shared", *OWN_SYMBOLS)
 
@@ -51,7 +51,7 @@ def compiled_library() -> tuple[Any, Any]:
 
 
 class Channel:
-    """The open file of a topic. `writes`: open it as its only writer; a forked child closes it."""
+    """The open file of a topic; with `writes` as its only writer, and closed in forked children."""
 
     def __init__(self, folder: Path, name: str, number: int, size: int, *, writes: bool) -> None:
         self._c: Any = None
@@ -80,7 +80,7 @@ class Channel:
             self._lib.soter_outside_write(self._c, stamp_ns, self._ffi.from_buffer(image))
 
     def read(self) -> tuple[int, bytes] | None:
-        """Gives stamp and bytes of a new value, else None; X013 if values have another layout."""
+        """Gives stamp and bytes of a new value, else None; raises X013 if the layout is another."""
         with self._lock:
             self._require_open()
             value, null = self._value, self._ffi.NULL
@@ -91,18 +91,18 @@ class Channel:
         return None
 
     def wait(self, most_ns: int) -> None:
-        """Waits for a new value, at most `most_ns`; the channel is locked meanwhile."""
+        """Waits up to `most_ns` for a new value, and keeps the channel locked meanwhile."""
         with self._lock:
             self._require_open()
             self._lib.soter_outside_wait(self._c, most_ns)
 
     def close(self) -> None:
-        """Gives the channel's memory back; the file stays."""
+        """Frees the memory of the channel, and keeps the file."""
         with self._lock:
             self._lib.soter_outside_close(self._c)
 
     def close_in_child(self) -> None:
-        """Closes the channel in a forked process; no thread there can hold the old lock."""
+        """Closes the channel in a forked process, in which no thread can hold the old lock."""
         self._lock = Lock()
         self.close()
 
@@ -117,7 +117,7 @@ class Channel:
             )
 
     def _is_foreign(self) -> bool:
-        """Whether the file holds a value of another layout, and none of this topic's layout."""
+        """Whether the file holds a value of another layout, and no value of this topic's layout."""
         ours, other = self._lib.SOTER_CHANNEL_OTHER, self._lib.SOTER_CHANNEL_LAYOUT
         c = self._c
         found = [

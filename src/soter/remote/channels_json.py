@@ -66,7 +66,7 @@ def _package_topics(path: Path, system: str | None) -> Topics:
 
 
 def parse_channels(document: object, where: str) -> Topics:
-    """The topics of a `channels.json`; SoterError X013 if it is malformed or has no channels."""
+    """The topics in a `channels.json`; raises X013 if it is malformed or has no channels."""
     try:
         fields = cast("Mapping[str, Any]", document)
         if fields["schema"] != CHANNELS_SCHEMA:
@@ -132,11 +132,11 @@ class Declared(Protocol):
     """The systems of a program, as `soter.load` gives them."""
 
     def declared(self, system: str | None = None) -> System:
-        """A system of the program; SoterError where there is none."""
+        """The system with this name (None: the default); raises SoterError if it does not exist."""
 
 
 def channels_document(program: str | Path | Declared, system: str | None) -> dict[str, object]:
-    """The content of `channels.json` for a system of a program; SoterError U002."""
+    """The content of `channels.json` for a system of a program; raises SoterError U002."""
     from soter.language.front_end import check_file, system_of  # noqa: PLC0415 - as below
     from soter.targets.world_interface import channel_document  # noqa: PLC0415 - not of a package
 

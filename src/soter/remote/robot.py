@@ -55,7 +55,7 @@ class Observation(dict[str, Any]):
 
     @property
     def measured(self) -> int:
-        """The stamp of the oldest value; an action that rests on these values has this stamp."""
+        """The stamp of the oldest value, which is the stamp for actions based on these values."""
         return min(r.stamp for r in self.readings.values())
 
     @property
@@ -69,7 +69,7 @@ SECOND_NS = 10**9
 
 @dataclass(frozen=True)
 class Chunk:
-    """Actions as bytes, one for each slot of time from `start_ns`; `measured_ns`: their stamp."""
+    """Actions as bytes, for equal slots of time from `start_ns`; `measured_ns` is their stamp."""
 
     images: Sequence[bytes]
     start_ns: int
@@ -85,7 +85,7 @@ class Chunk:
         return self.start_ns + k * self.every_ns
 
     def stamp_ns(self, k: int) -> int:
-        """The stamp of action k: `measured_ns`, or the begin of its slot if that is None."""
+        """The stamp of action k: `measured_ns`, or the beginning of its slot if this is None."""
         return self.begin_ns(k) if self.measured_ns is None else self.measured_ns
 
 
@@ -97,7 +97,7 @@ class _Playing:
 
 
 class Player:
-    """Writes the actions of a chunk for each topic; the first chunk starts a thread for that."""
+    """Writes the actions of each topic's chunk; the first chunk starts a thread for it."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self._clock = clock
@@ -107,7 +107,7 @@ class Player:
         self._ended = False
 
     def begin_chunk(self, topic: str, chunk: Chunk, write: Write) -> None:
-        """Replaces the chunk of a topic; actions that are due are written before this returns."""
+        """Replaces the chunk of a topic; writes actions that are due before it returns."""
         with self._changed:
             self._playing[topic] = _Playing(chunk, write)
             self.write_due_actions(self._clock())
@@ -125,7 +125,7 @@ class Player:
             write()
 
     def write_due_actions(self, now_ns: int) -> int | None:
-        """Writes the actions that are due; gives the time of the next one, None if none is left."""
+        """Writes the actions that are due; gives the time of the next action, or None."""
         with self._changed:
             for topic, p in list(self._playing.items()):
                 k = p.chunk.slot(now_ns)
@@ -163,9 +163,9 @@ def connect(
 ) -> Robot:
     """Connects to a robot whose trusted part has its channels in the folder `channels`.
 
-    `program`: a file, what `soter.load` gave, the folder of a built package, or its
-    `channels.json`. `system`: of a program; by default the only one, or the `default`. SoterError
-    X013, U002 and those of the program; X004, X005 where no C compiles here.
+    `program`: a file, a program from `soter.load`, the folder of a built package, or its
+    `channels.json`. `system` names a system; default: the only one, or the `default`. Raises
+    SoterError X013, U002 and errors of the program, and X004, X005 if C cannot be compiled here.
     """
     topics = find_topics(program, system)
     folder = Path(channels)
@@ -178,7 +178,7 @@ def connect(
 
 
 class Robot:
-    """A connection, to be used with `with`; its methods may be called by several threads."""
+    """A connection to a robot, for a `with` block; several threads may call its methods."""
 
     def __init__(self, topics: Topics, folder: Path) -> None:
         self._topics = topics
@@ -213,12 +213,12 @@ class Robot:
         return None if newest is None else _reading(t, newest)
 
     def every(self, *topics: str, timeout: float | str | None = None) -> Iterator[Observation]:
-        """An observation whenever somebody has written the first topic: since this call, then anew.
+        """Yields an observation after each new value of the first topic, from this call on.
 
-        The others are as new as they are; the first observation waits until each has a value. A
-        policy that is slower than its sensor misses values and never falls behind. TimeoutError
-        where the first topic is not written for `timeout` (`"1s"`, or seconds); SoterError U001,
-        X013.
+        The other topics have their newest values; the first observation waits until each has a
+        value. A policy that is slower than its sensor misses values but never falls behind. Raises
+        TimeoutError if the first topic gets no value for `timeout` (`"1s"`, or seconds); raises
+        SoterError U001, X013.
         """
         wanted = {name: self._topics.topic_named(name) for name in topics}
         if not wanted:
@@ -257,12 +257,12 @@ class Robot:
     def publish(
         self, topic: str, value: object, *, measured: int | None = None, clip: bool = False
     ) -> None:
-        """Write a value; ends a chunk that is being played on this topic.
+        """Writes a value; ends a chunk that is being played on this topic.
 
-        `measured`: when what it rests on was measured, ns on CLOCK_MONOTONIC (of a `Reading` its
-        `stamp`, of an `Observation` `measured`); by default now. `clip`: numbers outside the
-        topic's set are put at its ends. SoterError U012 where the topic cannot take the value, or
-        it was measured in the future; then nothing is written.
+        `measured` is the time of measurement behind the value, in ns on CLOCK_MONOTONIC (`stamp` of
+        a `Reading`, `measured` of an `Observation`); default: now. `clip`: moves numbers outside of
+        the topic's set to its ends. Raises SoterError U012 if the topic cannot take the value, or
+        if it was measured in the future; nothing is written then.
         """
         t = self._topics.writable_topic(topic)
         image, writer = t.image(value, clip=clip), self._writer(t)
@@ -280,13 +280,13 @@ class Robot:
         measured: int | None = None,
         clip: bool = False,
     ) -> Chunk:
-        """Write `actions[k]` at `start + k every`, in a thread; replaces a chunk.
+        """Writes `actions[k]` at `start + k every` in a thread; replaces a chunk.
 
-        After the last action the topic is silent: its age grows. No actions: it is so at once.
-        `start`: ns on CLOCK_MONOTONIC, by default now; where it is that of the observation, actions
-        whose time has passed are left out. Action k is stamped with its own time, or, all of them,
-        with `measured`. SoterError as of `publish`, for any of them: then the chunk before goes on.
-        Of what is given back `slot(stamp)` is the k of a stamp, such as one that the robot tells.
+        After the last action, or if `actions` is empty, the topic stays silent and its age grows.
+        `start` is in ns on CLOCK_MONOTONIC, by default now; if it is the observation's time, late
+        actions are left out. Action k is stamped with its time, or with `measured` if set. Raises
+        SoterError as in `publish`, for any action: the chunk before then continues. The result's
+        `slot(stamp)` is the k of a stamp, such as a stamp that the robot reports.
         """
         t = self._topics.writable_topic(topic)
         every_ns = _positive_ns("every", every)

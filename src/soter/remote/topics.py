@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic with a channel. `number`: of its layout; `writable`: others than the robot write it.
+    """A topic with a channel; `number` identifies its layout; `writable`: users may write it.
 
     `ends`: the least and the greatest value of each leaf, in order; None for a leaf without bounds.
     """
@@ -54,7 +54,7 @@ class Topic:
         return size_of(self.type)
 
     def image(self, value: object, *, clip: bool, path: str = "") -> bytes:
-        """The bytes of a value; SoterError U012 where the topic cannot take it."""
+        """The bytes of a value; raises SoterError U012 if the topic cannot take the value."""
         where = path or self.name
         if not isinstance(self.type, (RecordType, ArrayType, ListType)):
             value = _only_element(value)
@@ -68,7 +68,7 @@ class Topic:
         return bytes(buffer)
 
     def value(self, image: bytes) -> Any:  # noqa: ANN401 - any type of Soter
-        """The value in these bytes, records as dicts; SoterError X013 where they hold none."""
+        """The value in these bytes, with records as dicts; raises X013 if they hold no value."""
         try:
             return to_python(self.type, decode_from(image, 0, self.type), record=dict)
         except (ValueError, IndexError) as error:
@@ -77,7 +77,7 @@ class Topic:
 
 
 class Topics:
-    """The topics of a robot, found by their name in the program or by their channel's name."""
+    """The topics of a robot, found by the name in the program or the name of the channel."""
 
     def __init__(self, system: str, topics: Sequence[Topic]) -> None:
         self.system = system
@@ -85,7 +85,7 @@ class Topics:
         self._known = {n: t for t in topics for n in (t.channel, t.name)}
 
     def topic_named(self, name: str) -> Topic:
-        """The topic of this name; SoterError U001 where there is none."""
+        """The topic with this name; raises SoterError U001 if no topic has the name."""
         found = self._known.get(name)
         if found is None:
             near = likely_name(name, self._known)
@@ -95,7 +95,7 @@ class Topics:
         return found
 
     def writable_topic(self, name: str) -> Topic:
-        """The topic of this name that others may write; SoterError U001 if there is none."""
+        """The topic with this name that users may write; raises U001 if it does not exist."""
         topic = self.topic_named(name)
         if not topic.writable:
             open_ = _topic_list([t for t in self.all if t.writable])
@@ -109,21 +109,21 @@ def _topic_list(topics: Sequence[Topic]) -> str:
 
 
 def _only_element(value: object) -> object:
-    """The only element of a list or array of one, as networks answer; other values unchanged."""
+    """The only element of a list or array of length 1; any other value unchanged."""
     if hasattr(value, "tolist") and hasattr(value, "ndim"):
         value = cast("Any", value).tolist()
     return value[0] if isinstance(value, (list, tuple)) and len(value) == 1 else value
 
 
 class _Fitting:
-    """Checks that values are in a topic's set, else U012. `clip`: moves numbers to its ends."""
+    """Checks that values are in a topic's set, else U012; `clip` moves numbers into the set."""
 
     def __init__(self, ends: Sequence[Ends], *, clip: bool) -> None:
         self._ends = iter(ends)
         self._clip = clip
 
     def fitted_value(self, t: Type, value: Value, path: str) -> Value:
-        """The checked value, clipped if wanted; it uses up one of the ends for each leaf."""
+        """The checked value, clipped if `clip` is set; consumes the next ends for each leaf."""
         if isinstance(t, RecordType):
             parts = zip(t.fields, value, strict=True)
             return tuple([self.fitted_value(f, v, f"{path}.{n}") for (n, f), v in parts])

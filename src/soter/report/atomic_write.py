@@ -25,12 +25,12 @@ PART = ".part"
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[IO[bytes]]:
-    """Gives a binary stream whose bytes stand at `path` once the block has ended without error.
+    """Gives a binary stream whose bytes replace `path` after the block has ended without error.
 
-    The bytes go to a temporary name in the same folder, are synced to the disk and renamed over
-    `path`; a link is followed. Missing parent folders are made. Raises `OSError` as the system
-    reports it; the temporary file is removed on any error, an interrupt included. What exists
-    and is no regular file, such as `/dev/null`, is written to directly: it must not be replaced.
+    The bytes go to a temporary file in the same folder, are synced to the disk and renamed to
+    `path` (a link is followed). Missing parent folders are made. Raises `OSError` as the system
+    reports it. Any error, also an interrupt, removes the temporary file. An existing path that is
+    no regular file, such as `/dev/null`, is written directly, as it must not be replaced.
     """
     target = path.resolve()
     if target.exists() and not target.is_file():
@@ -51,8 +51,8 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
         raise
 
 
-def own_path(folder: Path, name: str) -> Path:
-    """The path of Soter's own file `name` in a folder; OSError if a part of it is a link."""
+def path_without_links(folder: Path, name: str) -> Path:
+    """The path of Soter's own file `name` in a folder; raises OSError if a part of it is a link."""
     path = folder
     for part in PurePath(name).parts:
         path /= part
@@ -82,7 +82,7 @@ def files_left_by(folder: Path, process: int) -> list[tuple[Path, Path]]:
 
 
 def unfinished_files(path: Path) -> list[Path]:
-    """The temporary files for `path` that processes left which have ended."""
+    """The temporary files for `path` from processes that have ended."""
     target = path.resolve()
     named = re.compile(rf"\.{re.escape(target.name)}\.([0-9]+)-[0-9a-f]{{8}}{re.escape(PART)}")
     with suppress(OSError):

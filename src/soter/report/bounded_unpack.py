@@ -25,7 +25,7 @@ class TooLargeError(ValueError):
 
 
 class BoundedUnpacking:
-    """Unpacks chunks of a file of `size` bytes; TooLargeError, or errors of the packages."""
+    """Unpacks parts of a file of `size` bytes; raises TooLargeError, or errors of the packages."""
 
     def __init__(self, size: int) -> None:
         self.left = max(UNPACKED_MIN, UNPACKED_RATIO * size)
@@ -48,7 +48,7 @@ class BoundedUnpacking:
             return self.count_plain(_joined_pieces(iter(lambda: reader.read(PART), b"")))
 
     def count_plain(self, data: bytes) -> bytes:
-        """Counts bytes towards the bound, and gives them; TooLargeError beyond it."""
+        """Counts bytes towards the limit and gives them; raises TooLargeError beyond the limit."""
         self.left -= len(data)
         if self.left < 0:
             raise TooLargeError("it unpacks to more than any log has")
@@ -56,7 +56,7 @@ class BoundedUnpacking:
 
 
 def _unpacked_pieces(unpacker: Any, packed: bytes) -> Iterator[bytes]:  # noqa: ANN401 - two packages, one shape
-    """Yields the content of one packed stream piece by piece; EOFError if its end is missing."""
+    """Yields the content of one packed stream in pieces; raises EOFError if its end is missing."""
     rest = packed
     while not unpacker.eof:
         part = unpacker.decompress(rest, max_length=PART)
@@ -69,7 +69,7 @@ def _unpacked_pieces(unpacker: Any, packed: bytes) -> Iterator[bytes]:  # noqa: 
 
 
 def _joined_pieces(unpacked: Iterable[bytes]) -> bytes:
-    """The pieces of a chunk as one; TooLargeError as soon as they exceed `CHUNK_MAX` bytes."""
+    """Joins the pieces of a chunk; raises TooLargeError if they exceed `CHUNK_MAX` bytes."""
     parts, size = [], 0
     for part in unpacked:
         size += len(part)
@@ -80,7 +80,7 @@ def _joined_pieces(unpacked: Iterable[bytes]) -> bytes:
 
 
 def unpack_file(packed: BinaryIO, into: BinaryIO, size: int) -> None:
-    """Writes the content of a whole file packed by zstd into another; TooLargeError."""
+    """Unpacks a complete zstd file into another file; raises TooLargeError if it is too large."""
     from zstandard import ZstdDecompressor  # noqa: PLC0415 - comes with an extra
 
     unpacking = BoundedUnpacking(size)

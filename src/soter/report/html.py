@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.diagnostics.system_texts import reason
-from soter.report.atomic_write import atomic_write, own_path
+from soter.report.atomic_write import atomic_write, path_without_links
 from soter.report.run.page import page_body
 from soter.report.templates import packed_numbers, script_json
 from soter.version import pip_command
@@ -52,11 +52,11 @@ def _missing_plotly_error() -> SoterError:
 def write_html(
     page: ReportPage, path: str | os.PathLike[str], *, self_contained: bool = False
 ) -> Path:
-    """Writes `page` to `path` and returns it; the drawing library goes beside it or into it.
+    """Writes `page` to `path` and gives the path; the drawing library goes beside or into it.
 
     The same page gives the same bytes. If `path` is no regular file, the page has the library.
-    `SoterError` D007 if the extra `report` is not installed, D006 if the file cannot be written; an
-    older file at `path` is then unchanged.
+    Raises `SoterError` D007 if the extra `report` is not installed, D006 if the file cannot be
+    written; an older file at `path` is then unchanged.
     """
     library, target = _drawing_library(), Path(path)
     if self_contained or (target.exists() and not target.is_file()):
@@ -64,7 +64,7 @@ def write_html(
     name = f"soter-plotly-{hashlib.sha256(library.encode()).hexdigest()[:12]}.js"
     written = write_text(html_document(page, beside=name), path)
     try:
-        script = own_path(target.resolve().parent, name)
+        script = path_without_links(target.resolve().parent, name)
     except OSError as error:
         raise _write_error(target, error) from error
     if not script.is_file() or script.stat().st_size != len(library.encode()):
@@ -73,10 +73,10 @@ def write_html(
 
 
 def inline_document(page: ReportPage) -> str:
-    """The page as one small text, with the drawing library compressed in it.
+    """The page as one small text that contains the compressed drawing library.
 
-    The page unpacks it, which browsers since 2023 can. `SoterError` D007 if the extra `report` is
-    not installed.
+    The page unpacks the library, which browsers since 2023 can do. Raises `SoterError` D007 if the
+    extra `report` is not installed.
     """
     library = gzip.compress(_drawing_library().encode(), mtime=0)
     text = html_document(page)
@@ -91,7 +91,7 @@ def inline_document(page: ReportPage) -> str:
 
 
 def write_document(title: str, main: str, path: str | os.PathLike[str]) -> Path:
-    """Writes a page without the drawing library; `SoterError` D006 if it cannot be written."""
+    """Writes a page without the drawing library; raises D006 if it cannot be written."""
     return write_text(document(title, main), path)
 
 
@@ -104,7 +104,7 @@ def document(title: str, main: str, asset: str = "") -> str:
 
 
 def write_text(text: str, path: str | os.PathLike[str]) -> Path:
-    """Writes a finished page to `path` and gives the path; `SoterError` D006 if that fails."""
+    """Writes a finished page to `path` and gives the path; raises D006 if that fails."""
     target = Path(path)
     content = text.encode()
     try:
@@ -171,7 +171,7 @@ def _html_text(title: str, main: str, scripts: str, style: str = "", policy: str
 
 
 def _drawing_library() -> str:
-    """The JavaScript of the installed plotly; `SoterError` D007 if there is none."""
+    """The JavaScript of the installed plotly; raises `SoterError` D007 if there is none."""
     try:
         from plotly.offline import get_plotlyjs  # noqa: PLC0415 - an extra, and slow to import
     except ImportError as error:

@@ -32,7 +32,7 @@ ROOM, APART = 0.08, 14
 
 @dataclass
 class JudgedCurve:
-    """A compared value. `columns`: by column, its least and greatest value and the band's ends."""
+    """A compared value; `columns` has, by column, its least and greatest value and the band."""
 
     columns: dict[int, tuple[float, float, float, float]] = field(default_factory=dict)
     outside: int = 0
@@ -41,7 +41,7 @@ class JudgedCurve:
 
 @dataclass
 class JudgedTimes:
-    """Curves and alarms, by column; `changes`: when "AC" or "SC" took control, or began."""
+    """Curves and alarms by column; `changes`: the times at which "AC" or "SC" took control."""
 
     begin_s: float
     end_s: float
@@ -57,7 +57,7 @@ class JudgedTimes:
     def note_value(
         self, of: Compared, at_s: float, value: float, band: Sequence[float], *, alarm: bool
     ) -> None:
-        """Adds a value of the curve `of`; it lies outside its band only if `alarm`."""
+        """Adds a value to the curve `of`; counts it as outside of `band` only if `alarm`."""
         if isfinite(value):
             curve, at = self.curves.setdefault(of, JudgedCurve()), self.column_at(at_s)
             low, high, *_ = curve.columns.get(at, (value, value))
@@ -90,7 +90,7 @@ def drawing_html(times: JudgedTimes, noun: str) -> str:
 def _places_and_labels(
     columns: Iterable[tuple[float, ...]],
 ) -> tuple[dict[float, float], list[float]]:
-    """By value: its place from the top in percent; and the values that get labels."""
+    """The place of each value in percent from the top, and the values that get labels."""
     lows, highs, *ends = (set(values) for values in zip(*columns, strict=True))
     seen = [v for v in chain(lows, highs, *ends) if isfinite(v)]
     room = ROOM * ((max(seen) - min(seen)) or 1.0)

@@ -64,11 +64,11 @@ EXTENDED_NUMBER: JsonSchema = {
 
 
 class LogError(SoterError):
-    """Raised if a log cannot be written (D006, D007); an older file at its path is unchanged."""
+    """Raised if a log cannot be written (D006, D007). An older file at the path stays unchanged."""
 
 
 def enum_schema(names: Iterable[str]) -> JsonSchema:
-    """The schema of a value that is one of these names."""
+    """The JSON schema of a string that must be one of `names`."""
     return {"type": "string", "enum": list(names)}
 
 
@@ -129,9 +129,9 @@ DECISIONS_SCHEMA = {
 class LogChannel:
     """One topic of the log.
 
-    `name`: full dotted name, such as `d.control`. `schema`: JSON schema of an object.
-    `messages`: virtual time in ns and value, in order of time; consumed once, so a generator
-    over a long trace need not be held in memory. NumPy scalars and arrays are fine.
+    `name`: the full dotted name, such as `d.control`. `schema`: the JSON schema of an object.
+    `messages`: pairs of virtual time in ns and value, in order of time. They are read only once, so
+    a generator over a long trace need not be held in memory. NumPy scalars and arrays are fine.
     """
 
     name: str
@@ -141,7 +141,7 @@ class LogChannel:
 
 @dataclass(frozen=True)
 class ModeRecord:
-    """The fact that `module` is in `mode` from `time_ns` on; each module has one at the start."""
+    """Records that `module` is in `mode` from `time_ns` on; each module's start has a record."""
 
     time_ns: int
     module: str
@@ -150,13 +150,13 @@ class ModeRecord:
 
 @dataclass(frozen=True)
 class DecisionStep:
-    """A step of the DM of `module` at `time_ns`, with what it saw; the modes may be equal.
+    """One step of the DM of `module` at `time_ns`, with the modes before and after it.
 
-    `why`: the values that decided, one phrase each, if the decision differs from that of the step
-    before; `margin_s`: how long AC surely keeps control. `reads`: for a module with `rest`, topic
-    -> `value` and `age_ns` as read (None: never published). `plan`: of several plans the node that
-    SC follows from then on. `look`: in real time, how long after
-    its release the step began, and ended, in ns.
+    `why`: one phrase for each value that decided, if the decision differs from that of the step
+    before. `margin_s`: how long AC surely keeps control. `reads`: for a module with `rest`, the
+    `value` and `age_ns` of each topic as the DM read it (None: never published). `plan`: the node
+    that SC follows from then on, if the module has several plans. `look`: how many ns of real time
+    after its release the step began, and after how many it ended.
     """
 
     time_ns: int
@@ -174,7 +174,7 @@ class DecisionStep:
 
 @dataclass(frozen=True)
 class LogHeader:
-    """What was run, which is the metadata record `soter`; `more`: further entries."""
+    """The metadata record `soter`, which describes the run; `more` holds further entries."""
 
     program_sha256: str
     system: str
@@ -183,7 +183,7 @@ class LogHeader:
     more: Mapping[str, str] = field(default_factory=dict)
 
     def metadata_entries(self) -> dict[str, str]:
-        """The entries as texts, as MCAP's metadata holds only texts."""
+        """All entries as strings, because the metadata of MCAP holds only strings."""
         return {
             "program_sha256": self.program_sha256,
             "system": self.system,
@@ -201,13 +201,13 @@ def write_mcap(
     decisions: Iterable[DecisionStep] = (),
     header: LogHeader,
 ) -> Path:
-    """Write a log to `path` and return it; the same input gives the same bytes.
+    """Writes a log to `path` and returns the path; the same input gives the same bytes.
 
     Messages are merged by time; at equal times they keep the order: modes, decisions, then
-    `channels` as given. Raises `LogError` where the extra `logs` is not installed or the file
-    cannot be written; a log that stood at `path` before is then untouched. Raises `ValueError` for
-    a channel name used twice, a schema that is not an object's, and times that are negative or run
-    backwards: mistakes of the caller.
+    `channels` as listed. Raises `LogError` if the extra `logs` is not installed or the file cannot
+    be written; an older log at `path` is then untouched. Raises `ValueError` for mistakes of the
+    caller: a channel name used twice, a schema that is not an object's, and times that are negative
+    or run backwards.
     """
     everything = [
         LogChannel(MODES_TOPIC, MODES_SCHEMA, map(mode_message, modes)),
@@ -223,8 +223,8 @@ def write_mcap(
 class McapLog:
     """A log that grows during its run; the file gets its final path when it is closed.
 
-    The file gets a chunk at a time: if the process dies, `mend_log` makes a log of what it wrote.
-    Raises as `write_mcap` does.
+    The file is written in chunks. If the process dies, `mend_log` makes a valid log of the chunks
+    that were written. Raises the same errors as `write_mcap`.
     """
 
     def __init__(
@@ -246,7 +246,7 @@ class McapLog:
 
     @contextmanager
     def dropped_on_error(self) -> Iterator[None]:
-        """Drops the file if the block fails; an OSError then becomes a `LogError`."""
+        """Drops the file if the block fails, and turns an OSError into a `LogError`."""
         try:
             yield
         except BaseException as error:
@@ -258,7 +258,7 @@ class McapLog:
             raise
 
     def add(self, channels: Iterable[LogChannel]) -> None:
-        """Writes messages of the channels by time; ValueError if times run backwards."""
+        """Writes the messages of all channels by time; raises ValueError if time runs backwards."""
         with self.dropped_on_error():
             for time_ns, index, message in _merged_messages([c.messages for c in channels]):
                 if time_ns < self._last_ns[index]:
@@ -276,7 +276,7 @@ class McapLog:
             self._stream.flush()
 
     def close(self, end: Mapping[str, str] | None = None) -> Path:
-        """Writes how the run ended as metadata, finishes the file and gives it its path."""
+        """Writes `end` as metadata, finishes the file and moves it to its final path."""
         with self.dropped_on_error():
             if end is not None:
                 self._writer.add_metadata(END_NAME, dict(end))
@@ -298,7 +298,7 @@ def to_json(message: Mapping[str, object]) -> bytes:
 def _open_writer(
     stream: IO[bytes], channels: Sequence[tuple[str, JsonSchema]], header: LogHeader
 ) -> tuple[Any, list[int]]:
-    """A writer that has written header, metadata, schemas and channels; and the channels' ids."""
+    """Opens a writer and writes all that precedes the messages; also gives the channels' ids."""
     try:
         from mcap.writer import CompressionType, Writer  # noqa: PLC0415 - an extra
     except ImportError as error:
@@ -322,7 +322,7 @@ def _open_writer(
 
 
 def mend_log(path: Path) -> bool:
-    """Makes a log of the file that a dead process left; False if it is not MCAP; `OSError`."""
+    """Completes the log that a dead process left; False if it is no MCAP file; raises `OSError`."""
     with path.open("r+b") as stream:
         if stream.read(len(MAGIC)) != MAGIC:
             return False
@@ -412,7 +412,7 @@ def decision_message(step: DecisionStep) -> Message:
 
 
 def _plain_json(value: object) -> object:
-    """The JSON value for an object that the JSON writer does not know."""
+    """Converts an object that the JSON writer does not know to a JSON value."""
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray):

@@ -62,7 +62,7 @@ MERGED = "put logs together with `mcap merge`, which gives ids anew, or give the
 
 
 class DamagedMcapError(ValueError):
-    """Raised if a file contradicts itself. The text says where; `remedy` says what to do."""
+    """Raised if an MCAP file contradicts itself. The text says where, and `remedy` how to help."""
 
     def __init__(self, text: str, remedy: str = REMEDY) -> None:
         super().__init__(text)
@@ -70,14 +70,14 @@ class DamagedMcapError(ValueError):
 
 
 class CutMcapError(DamagedMcapError):
-    """Raised if the end of a file is missing; all messages before have been yielded."""
+    """Raised if the end of a file is missing, after all messages before the cut were yielded."""
 
 
 class McapRecords:
     """Reads the records of one file, once.
 
-    `metadata`: records of it that were read so far, by name. `private`: how many private records
-    were skipped. `unchecked`: whether there was a message that no checksum covers.
+    `metadata`: the metadata records that were read so far, by name. `private`: how many private
+    records were skipped. `unchecked`: whether the file has a message that no checksum covers.
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -98,10 +98,10 @@ class McapRecords:
         self._loose = False
 
     def messages(self) -> Iterator[tuple[Any, Any, Any]]:
-        """Yields channel, its schema (or None) and message.
+        """Yields each message as (channel, its schema or None, message).
 
-        Raises DamagedMcapError, CutMcapError if only the end is missing, mcap's InvalidMagic
-        if it is no MCAP at all, and what the package raises for a record that it cannot read.
+        Raises CutMcapError if only the end is missing, DamagedMcapError for other damage, mcap's
+        InvalidMagic if the file is no MCAP, and errors of `mcap` for a record that it cannot read.
         """
         magic = self.file.read(len(MAGIC))
         if magic != MAGIC:
@@ -239,7 +239,7 @@ class McapRecords:
         return channel, schema, Message(channel_id, log_time, data, publish_time, sequence)
 
     def _enter_definition(self, kind: int, body: bytes, at: int) -> None:
-        """Enters a schema or channel; DamagedMcapError if its id was in use for another."""
+        """Enters a schema or channel; raises DamagedMcapError if its id was in use already."""
         record = _read_record("Schema" if kind == SCHEMA else "Channel", body, at)
         known = self._schemas if kind == SCHEMA else self._channels
         before = known.setdefault(record.id, record)
@@ -332,7 +332,7 @@ class _StrictBytes(BytesIO):
 
 
 def _read_record(name: str, body: bytes, at: int) -> Any:  # noqa: ANN401 - a record of the package
-    """The record of kind `name` in `body`; DamagedMcapError if bytes are missing or left over."""
+    """Parses a record of kind `name`; raises DamagedMcapError if the size of `body` is wrong."""
     from mcap import records  # noqa: PLC0415 - an extra
     from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - the same
 
@@ -347,7 +347,7 @@ def _read_record(name: str, body: bytes, at: int) -> Any:  # noqa: ANN401 - a re
 
 
 def _compare_crc(stored: int, counted: int, part: str) -> None:
-    """Raises DamagedMcapError if the stored checksum is not 0 and not the computed one."""
+    """Raises DamagedMcapError if the stored checksum differs from the computed one and is not 0."""
     if stored and stored != counted:
         text = f"{part} is damaged: its checksum is {stored:08x}, and its bytes give {counted:08x}"
         raise DamagedMcapError(text)
@@ -369,7 +369,7 @@ def require_log_package() -> None:
 
 @contextmanager
 def _open_records(path: Path) -> Iterator[McapRecords]:
-    """Opens the records of a log for a block; SoterError D006 if it is unreadable or damaged."""
+    """Opens a log's records for a block; raises SoterError D006 if it is unreadable or damaged."""
     try:
         with open_finite_file(path) as file:
             yield McapRecords(file)
@@ -385,7 +385,7 @@ def _open_records(path: Path) -> Iterator[McapRecords]:
 
 
 def log_metadata(path: Path) -> dict[str, str]:
-    """What a log says of its run at its beginning; {} if not by `soter run`; SoterError D006."""
+    """The metadata that `soter run` wrote at a log's start, or {}; raises SoterError D006."""
     with _open_records(path) as records:
         for _ in _messages_up_to_cut(records, lambda _: None):
             if METADATA_NAME in records.metadata:
@@ -396,11 +396,11 @@ def log_metadata(path: Path) -> dict[str, str]:
 def log_messages(
     path: Path, cut: Callable[[str], None] | None = None
 ) -> Iterator[tuple[int, str, Any]]:
-    """Yields time (ns), channel and message of a log, in order; SoterError D006.
+    """Yields time (ns), channel and message of each log entry, in order; raises SoterError D006.
 
-    It compares checksums and counts with the content. `cut` is called with a text if the end of the
-    file is missing, which is then read up to there, and if the file says that the end of the run
-    was not logged.
+    It compares checksums and counts with the content. It calls `cut` with a text in two cases: if
+    the end of the file is missing (then it reads up to the cut), and if the file says that the end
+    of the run was not logged.
     """
     last_ns = 0
     with _open_records(path) as records:
@@ -429,7 +429,7 @@ def _messages_up_to_cut(
 
 
 def damage_text(error: Exception) -> str:
-    """The words for what is wrong with a log at which the package `mcap` raised this error."""
+    """Describes in words which damage of a log made the package `mcap` raise this error."""
     from mcap.exceptions import InvalidMagic, McapError  # noqa: PLC0415 - an extra
 
     by_mcap = isinstance(error, (McapError, ValueError)) and not isinstance(error, InvalidMagic)
@@ -438,6 +438,6 @@ def damage_text(error: Exception) -> str:
 
 
 def unreadable_error(path: Path, why: str) -> SoterError:
-    """The SoterError D006 for a log that is not one of `soter run --log`, or is damaged."""
+    """The SoterError D006 for a log that is damaged or that `soter run --log` did not write."""
     helps = ("a log of somebody else, a CSV or a bag needs `--map FILE`: docs/real-logs.md",)
     return mistake("D006", f"cannot read the log `{path}`: {why}", *helps)

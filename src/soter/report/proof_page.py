@@ -36,7 +36,7 @@ R1, R2, R3, R4, R5 = 1, 2, 3, 4, 5
 
 @dataclass(frozen=True)
 class PropertyRow:
-    """A row for a property. `verdict`: proved, refuted, undecided or assumed."""
+    """A table row for one property; `verdict` is proved, refuted, undecided or assumed."""
 
     name: str
     meaning: str
@@ -48,7 +48,7 @@ class PropertyRow:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A run drawn into the regions: (n,) along both axes, whether AC was in control."""
+    """A run drawn over the regions: n points on both axes, and whether AC controlled each point."""
 
     x: NDArray[np.float64]
     y: NDArray[np.float64]
@@ -60,7 +60,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class RegionSlice:
-    """A slice of a region figure at place `where` of the third axis, shaped as `RegionFigure`."""
+    """A slice of a region figure at the value `where` of the third axis."""
 
     where: str
     regions: NDArray[np.uint8]
@@ -69,11 +69,11 @@ class RegionSlice:
 
 @dataclass(frozen=True)
 class RegionFigure:
-    """The paper's region figure for one group, or a slice of it.
+    """The region figure of the paper for one group of states, or a slice of it.
 
-    `regions[i, j]` is 1 to 5 for the cell between `x_edges[i:i+2]` and `y_edges[j:j+2]`. A group
-    of one axis has a single row with `y_name` empty. Of three axes: `slices` through the third
-    one, `across`, from its lowest value on, of which number `shown` is the figure's own.
+    `regions[i, j]` is 1 to 5 for the cell between `x_edges[i:i+2]` and `y_edges[j:j+2]`. A group of
+    one axis has a single row and an empty `y_name`. A group of three axes has `slices` through the
+    third axis `across`, from its lowest value on; the figure shows the slice with index `shown`.
     """
 
     title: str
@@ -95,7 +95,7 @@ class RegionFigure:
 
 @dataclass(frozen=True)
 class ModuleProof:
-    """One module: its properties, the times used, and the sizes of its sets."""
+    """The part of the page on one module: its properties, its times, and the sizes of its sets."""
 
     name: str
     verdict: str
@@ -121,7 +121,7 @@ class ModuleProof:
 
 @dataclass(frozen=True)
 class TakenRow:
-    """What a module assumes of others, and the reason; `open`: that is not proved."""
+    """A statement that a module assumes about others, and its reason; `open` if not proved."""
 
     module: str
     what: str
@@ -131,7 +131,7 @@ class TakenRow:
 
 @dataclass(frozen=True)
 class ProofPage:
-    """The content of the page of a proof."""
+    """The content of the page that reports a proof."""
 
     title: str
     headline: str
@@ -156,7 +156,7 @@ TICKS = 6
 
 
 def region_svg(figure: RegionFigure) -> str:
-    """The SVG of one region figure."""
+    """Draws one region figure as SVG."""
     flat = not figure.y_name
     height = STRIP + TOP + BOTTOM if flat else HEIGHT
     x = _Scale(figure.x_edges, LEFT, WIDTH - RIGHT)
@@ -179,7 +179,7 @@ def region_svg(figure: RegionFigure) -> str:
 
 
 class _Scale:
-    """Maps values of an axis to places on the drawing, in px."""
+    """Maps values of an axis to pixels on the drawing."""
 
     def __init__(self, edges: NDArray[np.float64], at_low: float, at_high: float) -> None:
         self.low, self.high = float(edges[0]), float(edges[-1])
@@ -187,11 +187,11 @@ class _Scale:
         self.places = np.round(at_low + (edges - self.low) * self.per_unit, 2)
 
     def px_of(self, value: float) -> float:
-        """The place of a value on the drawing, in px."""
+        """The pixel coordinate of a value on the drawing."""
         return self.at_low + (value - self.low) * self.per_unit
 
     def ticks(self) -> list[float]:
-        """Round values within the axis, for its ticks."""
+        """Round values on the axis, at which its ticks are drawn."""
         raw = (self.high - self.low) / TICKS
         power = 10.0 ** np.floor(np.log10(raw))
         step = next(k * power for k in (1.0, 2.0, 5.0, 10.0) if k * power >= raw)
@@ -201,7 +201,7 @@ class _Scale:
 
 
 def _svg_of_slice(part: RegionSlice, shown: bool, x: _Scale, y: _Scale) -> str:
-    """A slice as SVG; all but the shown one are hidden until the slider selects them."""
+    """Draws a slice as SVG; it is hidden until the slider selects it, unless it is `shown`."""
     hidden = "" if shown else ' display="none"'
     paths = "".join((*_region_paths(part.regions, x, y), _border_path(part.lets_ac, x, y)))
     return f'<g class="slice"{hidden}><title>{escape(part.where)}</title>{paths}</g>'
@@ -217,7 +217,7 @@ def _region_paths(regions: NDArray[np.uint8], x: _Scale, y: _Scale) -> list[str]
 
 
 def _region_path(inside: NDArray[np.bool_], x: _Scale, y: _Scale) -> str:
-    """The SVG path data of one region: rectangles of cells, joined over rows that are equal."""
+    """The SVG path of one region, made of rectangles; equal rows of cells share a rectangle."""
     pieces: list[str] = []
     open_runs: dict[tuple[int, int], int] = {}
     for j in range(inside.shape[1] + 1):
@@ -233,7 +233,7 @@ def _region_path(inside: NDArray[np.bool_], x: _Scale, y: _Scale) -> str:
 
 
 def _border_path(inside: NDArray[np.bool_] | None, x: _Scale, y: _Scale) -> str:
-    """The SVG path between the cells in a set and the others, without the frame."""
+    """The SVG path of the border between cells inside and outside a set, without the frame."""
     if inside is None:
         return ""
     pieces = [
@@ -248,7 +248,7 @@ def _border_path(inside: NDArray[np.bool_] | None, x: _Scale, y: _Scale) -> str:
 
 
 def _tick_text(value: float) -> str:
-    """The text of a tick."""
+    """A value as the label of an axis tick."""
     return f"{value:.6g}".replace("-", "\N{MINUS SIGN}")
 
 
@@ -276,7 +276,7 @@ def _axis_y(y: _Scale, name: str, height: float) -> list[str]:
 
 
 def _trajectory_svg(run: Trajectory, x: _Scale, y: _Scale) -> str:
-    """The SVG of a run in the colour of whoever is in control, with dots at changes."""
+    """Draws a run as SVG in the colour of the controller in control, with a dot at each change."""
     px = np.round([x.px_of(float(v)) for v in run.x], 1)
     py = np.round([y.px_of(float(v)) for v in run.y], 1)
     changes = np.flatnonzero(np.diff(run.in_control.astype(int))) + 1
@@ -314,12 +314,12 @@ REGIONS = (
 
 
 def write_proof(page: ProofPage, path: str | os.PathLike[str]) -> Path:
-    """Writes the page to `path`; it needs no script and no network. `SoterError` D006."""
+    """Writes the page, which needs no network, to `path`; raises `SoterError` D006 on failure."""
     return write_text(proof_document(page), path)
 
 
 def proof_document(page: ProofPage) -> str:
-    """The page as a text; it has a script only for sliders along a third axis."""
+    """The HTML document of the page; it has a script only if a figure has a slider."""
     main = proof_body(page)
     return document(page.title, main, "slices" if 'class="slices"' in main else "")
 
@@ -333,13 +333,13 @@ def proof_body(page: ProofPage) -> str:
         regions=REGIONS,
         switched=SWITCHED,
         region_svg=region_svg,
-        of_one_region=_single_region,
-        undrawn=_undrawn_regions,
+        of_one_region=_only_region,
+        undrawn=_axes_in_one_region,
     )
 
 
-def _single_region(f: RegionFigure) -> int | None:
-    """The only region in a figure of one axis, which then needs no drawing; else None."""
+def _only_region(f: RegionFigure) -> int | None:
+    """The region that fills a one-axis figure, which then needs no drawing; None otherwise."""
     if f.y_name or f.slices or f.trajectory is not None:
         return None
     if f.lets_ac is not None and f.lets_ac.any() and not f.lets_ac.all():
@@ -348,11 +348,11 @@ def _single_region(f: RegionFigure) -> int | None:
     return first if (f.regions == first).all() else None
 
 
-def _undrawn_regions(figures: tuple[RegionFigure, ...]) -> list[tuple[str, str, str]]:
-    """For each region and note: the axes along which the region spans the whole axis."""
+def _axes_in_one_region(figures: tuple[RegionFigure, ...]) -> list[tuple[str, str, str]]:
+    """The (region, note, axes) of all axes that lie in one region along their full length."""
     axes: dict[tuple[int, str], list[str]] = {}
     for f in figures:
-        if (region := _single_region(f)) is not None:
+        if (region := _only_region(f)) is not None:
             unit = f" {f.x_unit}" if f.x_unit else ""
             ends = f"{f.x_edges[0]:.4g}, {f.x_edges[-1]:.4g}".replace("-", "\N{MINUS SIGN}")
             axes.setdefault((region, f.note), []).append(f"{f.x_name} in [{ends}]{unit}")
@@ -366,7 +366,7 @@ APART_PX = 22.0
 
 @dataclass(frozen=True)
 class Line:
-    """A curve. `points`: (Delta in ms, share); `sure`: whether all is proved at each point."""
+    """A curve of points (Delta in ms, share); `sure` says for each point if it is all proved."""
 
     name: str
     points: tuple[tuple[float, float], ...]
@@ -375,9 +375,9 @@ class Line:
 
 @dataclass(frozen=True)
 class AdvicePage:
-    """The part of the page on one module of `program`; `table` is rows of text under `head`.
+    """The part of the page on one module of `program`; `table` holds rows of text below `head`.
 
-    `says`: what names and marks mean; `best_ms`: the longest Delta that verifies, if one does.
+    `says` explains names and marks. `best_ms` is the longest Delta that verifies, if any does.
     """
 
     module: str

@@ -32,7 +32,7 @@ MEANINGS = {
 
 @dataclass(frozen=True)
 class Definition:
-    """A name in an expanded predicate, with its expression or value; `unit` if it has one."""
+    """A name in an expanded predicate, with its expression or value, and its unit if it has one."""
 
     name: str
     text: str
@@ -43,9 +43,9 @@ class Definition:
 class ExpandedPredicate:
     """`safe`, `ttf` or `safer` of a module, with its functions inlined.
 
-    `written`: as the program says it, "" where it is computed. `where`: parts of `expanded` that
-    have a name, each after those that it reads. `read`: what it reads of topics. `functions`: the
-    text of what stays a call, as a loop, an assignment or an extern is no expression.
+    `written`: the predicate in the program's text, "" if it is computed. `where`: named parts of
+    `expanded`, each after those that it reads. `read`: the topic values that it reads. `functions`:
+    the text of each function that stays a call, because it has a loop or assignment or is extern.
     """
 
     module: str
@@ -58,7 +58,7 @@ class ExpandedPredicate:
     functions: tuple[Definition, ...] = ()
 
     def to_json(self) -> dict[str, object]:
-        """The JSON object, as docs/json.md describes it."""
+        """The predicate as a JSON object, which docs/json.md describes."""
         return asdict(self)
 
 
@@ -66,10 +66,10 @@ class ExpandedPredicate:
 class TracedProperty:
     """A property that a hazard may trace to.
 
-    `how`: "proof", "exploration" or "flights". `status`: "supported" or "undeveloped" as the `goal`
-    of the case, if it has one; of flights that did not violate it "sampled", as they show nothing
-    of others, and "not flown" without flights. `wanted`: somebody has to have a hazard for it.
-    `hazards`: those that trace to it.
+    `how`: "proof", "exploration" or "flights". `status`: that of its goal in the case, if any:
+    "supported" or "undeveloped". Flights without a violation give "sampled", as they prove nothing
+    about other flights; a property without flights is "not flown". `wanted`: a hazard should trace
+    to it. `hazards`: the hazards that trace to it.
     """
 
     name: str
@@ -82,10 +82,10 @@ class TracedProperty:
 
 @dataclass(frozen=True)
 class TracedItem:
-    """A hazard or a requirement; `properties`: what it leads to, over requirements, too.
+    """A hazard or a requirement; `properties` are those it leads to, also through requirements.
 
-    "supported": at least one piece of evidence is no flight, all such pieces hold, and so do all
-    requirements that it traces to; else "open".
+    `status`: "supported" if it has evidence other than flights, all such evidence holds, and all
+    requirements that it traces to are supported; else "open".
     """
 
     kind: str
@@ -107,7 +107,7 @@ class OpenItem:
 
 @dataclass(frozen=True)
 class Traceability:
-    """The traces of a case; `path`, `sha256`: of the given file, or ""; `open`: open items."""
+    """The traces of a case; `path` and `sha256` are of the traces' file, "" without a file."""
 
     path: str = ""
     sha256: str = ""
@@ -121,17 +121,17 @@ class Traceability:
         return all(item.status == "supported" for item in self.items)
 
     def to_json(self) -> dict[str, object]:
-        """The JSON object, as docs/json.md describes it."""
+        """The traces as a JSON object, which docs/json.md describes."""
         return asdict(self) | {"path": self.path or None, "sha256": self.sha256 or None}
 
 
 @dataclass(frozen=True)
 class TracedCondition:
-    """A condition of the generated C, and rows of hazards with the property by which they reach it.
+    """A condition of the generated C, with the rows of hazards and the property that lead to it.
 
-    `core`: what is lowered to its function, `source`: where the program says it, "" for what every
-    program has; `line` of the C. `covered_by`: what showed that it decides by itself (MC/DC), or
-    "", and then `not_covered` says what is missing.
+    `core`: the source construct of its C function. `source`: the place in the program, "" for code
+    that every program has. `line`: the line in the C. `covered_by`: the evidence that the condition
+    decides by itself (MC/DC); if that is "", `not_covered` says what is missing.
     """
 
     reached_by: tuple[tuple[str, str], ...]
@@ -147,7 +147,7 @@ class TracedCondition:
 
 @dataclass(frozen=True)
 class ConditionTrace:
-    """The conditions in the file `c`, what ran them; `empty`: (row, property) that reach none."""
+    """All conditions in the C file `c`; `empty` lists (row, property) that reach no condition."""
 
     c: str
     ran: tuple[str, ...]
@@ -156,7 +156,7 @@ class ConditionTrace:
 
     @property
     def reached(self) -> list[TracedCondition]:
-        """The conditions that some row of hazards reaches."""
+        """The conditions that at least one hazard or requirement reaches."""
         return [x for x in self.conditions if x.reached_by]
 
     @property
@@ -170,7 +170,7 @@ class ConditionTrace:
         )
 
     def as_csv(self) -> str:
-        """CSV with a row for each condition and each property that reaches it, in C's order."""
+        """The conditions as CSV in the order of the C; each property that reaches one has a row."""
         text = StringIO()
         table = csv.writer(text, lineterminator="\n")
         names = [f.name for f in fields(TracedCondition)][1:]
@@ -191,13 +191,13 @@ RETURNS, LAWS = "G4", "G5"
 
 @dataclass
 class CaseNode:
-    """One element. `supported_by`, `in_context_of`: ids of others.
+    """One element of a safety case. `supported_by` and `in_context_of` are ids of other elements.
 
-    A solution is `checked` where it was checked while the case was made, and then holds what its
-    goal needs; `why` says what is missing otherwise. `sha256`: of what it points to. `property`: of
-    a goal, the name by which a hazard traces to it. `key`: of an assumption, the same for the same
-    thing in every case; `stated_by`: the commands that state it; who owns it, how it is validated
-    and where that is seen, as people say it.
+    A solution is `checked` if it was checked while the case was made and shows its goal; otherwise
+    `why` says what is missing. `sha256`: the hash of the file at `path`. `property`: the name by
+    which hazards trace to a goal. `key`: identifies an assumption across cases. `stated_by`: the
+    commands that state it. `owner`, `validation`, `evidence`: who owns it, how it is validated, and
+    where that is seen.
     """
 
     id: str
@@ -219,7 +219,7 @@ class CaseNode:
 
 @dataclass
 class SafetyCase:
-    """Nodes in reading order, the top goal first; `provenance`: the tools behind the case."""
+    """All nodes in reading order, the top goal first; `provenance` names the tools that made it."""
 
     title: str
     program: str
@@ -239,7 +239,7 @@ class SafetyCase:
     def add(
         self, node: CaseNode, *, under: CaseNode | None = None, beside: CaseNode | None = None
     ) -> CaseNode:
-        """Adds a node that supports `under`, or is context of `beside`, and gives it back."""
+        """Adds a node below `under`, or as context of `beside`; returns the node."""
         assert all(n.id != node.id for n in self.nodes), node.id
         self.nodes.append(node)
         if under is not None:
@@ -249,14 +249,14 @@ class SafetyCase:
         return node
 
     def node(self, id_: str) -> CaseNode:
-        """The node with this id; KeyError if there is none."""
+        """The node with this id; raises KeyError if no node has it."""
         for n in self.nodes:
             if n.id == id_:
                 return n
         raise KeyError(id_)
 
     def status(self, node: CaseNode) -> str:
-        """Whether a node is "supported": every branch below ends in a solution checked now."""
+        """Gives "supported" if every branch below ends in a checked solution, or "undeveloped"."""
         if node.kind == "solution":
             return SUPPORTED if node.checked else UNDEVELOPED
         below = [self.status(self.node(i)) for i in node.supported_by]
@@ -273,7 +273,7 @@ class SafetyCase:
         return [n for n in self.nodes if n.kind == "goal"]
 
     def to_json(self, version: str) -> dict[str, object]:
-        """The case as JSON (docs/json.md)."""
+        """The case as JSON, which docs/json.md describes."""
         return {
             "schema": 1,
             "soter": version,
@@ -315,9 +315,9 @@ class SafetyCase:
 class Assurance:
     """A safety case and the files that were written.
 
-    `refuted`: a certificate that is rejected, a compiled decision module that differs, a test or a
-    flight that violates a property. `not_rechecked`: why the re-checker neither accepts nor rejects
-    the certificate; "": it does, or there is none.
+    `refuted`: a rejected certificate, a compiled decision module that differs, or a test or flight
+    that violates a property. `not_rechecked`: why the re-checker neither accepts nor rejects the
+    certificate; "" if it does either, or if the case has no certificate.
     """
 
     case: SafetyCase
@@ -327,7 +327,7 @@ class Assurance:
 
     @property
     def lawful(self) -> bool:
-        """Whether the goal that every module has a fail-safe law is supported."""
+        """Whether the case supports the goal that every module has a fail-safe law."""
         return any(g.id == LAWS and self.case.status(g) == SUPPORTED for g in self.case.goals)
 
     @property
@@ -377,6 +377,6 @@ def _one_line(text: str) -> str:
 
 
 def _text_lines(text: str) -> list[str]:
-    """The lines of a text, changed so that none can end its field; at least one."""
+    """The non-empty lines of a text, each changed if StrictDoc would read it as a field's end."""
     lines = [line.rstrip() for line in text.splitlines() if line.strip()]
     return [f" {x}" if x.startswith(("<<<", ">>>", "[")) else x for x in lines] or ["-"]

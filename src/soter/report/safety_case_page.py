@@ -59,7 +59,7 @@ LEGEND = (
 
 @dataclass
 class _Spot:
-    """A node in a picture, or several solutions as one; its place, and the spots below it."""
+    """A node in a drawing (or several equal solutions), its position, and the spots below it."""
 
     nodes: list[CaseNode]
     x: float = 0.0
@@ -87,7 +87,7 @@ class _Spot:
 
 
 def argument_pictures(case: SafetyCase) -> list[tuple[str, str]]:
-    """Pairs (title, SVG): the top goal with title "", parts too wide for it, then other goals."""
+    """The drawings as (title, SVG): the top goal (title ""), parts too wide for it, other goals."""
     below = {i for n in case.nodes for i in n.supported_by}
     drawings: list[tuple[str, str]] = []
     for root in (n for n in case.goals if n.id not in below):
@@ -96,7 +96,7 @@ def argument_pictures(case: SafetyCase) -> list[tuple[str, str]]:
         if _column_count(spot) <= TOGETHER_MAX:
             drawings.append((title, _picture_svg(case, spot)))
             continue
-        parts = _goals_of_modules(case, root)
+        parts = _goals_of_parts(case, root)
         drawings.append(
             (title, _picture_svg(case, _spot_tree(case, root, frozenset(p.id for p in parts))))
         )
@@ -104,8 +104,8 @@ def argument_pictures(case: SafetyCase) -> list[tuple[str, str]]:
     return drawings
 
 
-def _goals_of_modules(case: SafetyCase, root: CaseNode) -> list[CaseNode]:
-    """The goals below the root's only strategy, or else below the root."""
+def _goals_of_parts(case: SafetyCase, root: CaseNode) -> list[CaseNode]:
+    """The goals directly below the only strategy of the root, or directly below the root."""
     nodes = [case.node(i) for i in root.supported_by]
     if [n.kind for n in nodes] == ["strategy"]:
         nodes = [case.node(i) for i in nodes[0].supported_by]
@@ -113,7 +113,7 @@ def _goals_of_modules(case: SafetyCase, root: CaseNode) -> list[CaseNode]:
 
 
 def _spot_tree(case: SafetyCase, node: CaseNode, ends: frozenset[str] | None) -> _Spot:
-    """The spot of a node, with the nodes below it; nodes in `ends` have nothing below them."""
+    """The spot of a node and the tree below it; the tree stops at the nodes in `ends`."""
     spot = _Spot([node])
     if ends is not None and node.id in ends:
         return spot
@@ -128,7 +128,7 @@ def _column_count(spot: _Spot) -> int:
 
 
 def _spot_rows(spot: _Spot) -> list[list[_Spot]]:
-    """The spots by row; equal solutions are one spot, below everything that they support."""
+    """The spots by row, top row first; equal solutions within a row become one spot."""
     rows = [[spot]]
     while True:
         row: list[_Spot] = []
@@ -150,7 +150,7 @@ def _spot_rows(spot: _Spot) -> list[list[_Spot]]:
 
 
 def _place_columns(spot: _Spot, left: float) -> float:
-    """Gives goals columns from `left` on, and centres nodes above theirs; gives the right end."""
+    """Places goals in columns from `left` on and centres each parent; returns the right end."""
     goals = [s for s in spot.below if s.node.kind != "solution"]
     if not goals:
         spot.x = left + COLUMN * _column_count(spot) / 2
@@ -196,7 +196,7 @@ def _picture_svg(case: SafetyCase, root: _Spot) -> str:
 
 
 def _place_rows(rows: list[list[_Spot]]) -> float:
-    """Places rows below one another, circles below what they support; gives the bottom's y."""
+    """Places the rows from top to bottom; returns the y coordinate of the lower end."""
     above: dict[int, list[_Spot]] = {}
     for a in (a for row in rows for a in row):
         for b in dict.fromkeys(map(id, a.below)):
@@ -220,7 +220,7 @@ def _move_branch(spot: _Spot, by: float) -> None:
 
 
 def _move_apart(spots: Sequence[_Spot]) -> None:
-    """Moves the circles of a row apart in their order, so that none covers another."""
+    """Moves circles of a row apart, without changing their order, until none covers another."""
     least = RADIUS + 0.0
     for s in sorted(spots, key=lambda s: s.x):
         s.x = max(s.x, least)
@@ -228,7 +228,7 @@ def _move_apart(spots: Sequence[_Spot]) -> None:
 
 
 def _nodes_beside(case: SafetyCase, node: CaseNode) -> list[tuple[str, list[str]]]:
-    """By kind: the ids of the assumptions and contexts of a node."""
+    """The ids of the assumptions and of the contexts of a node, by kind."""
     near = [case.node(i) for i in node.in_context_of]
     kinds = ("assumption", "context")
     ids_by_kind = [(kind, [n.id for n in near if n.kind == kind]) for kind in kinds]
@@ -304,13 +304,13 @@ def _boxes_svg(root: _Spot, kind: str, ids: Sequence[str], at: int) -> Iterator[
 
 
 def _legend_symbols(case: SafetyCase, node: CaseNode) -> tuple[str, ...]:
-    """The symbols with which a node is drawn: its kind, its status, perhaps a diamond."""
+    """The symbols that the drawing of a node uses: its kind, its status, perhaps a diamond."""
     undeveloped = node.kind == "goal" and not node.supported_by
     return node.kind, case.status(node), *(("diamond",) if undeveloped else ())
 
 
 def _legend_lines(drawn: Sequence[str]) -> list[str]:
-    """The symbols that were drawn, in lines short enough for a phone."""
+    """The legend of the symbols that were drawn, in lines short enough for a phone."""
     shapes = {
         "goal": '<g class="goal"><path d="M0 0H26V14H0Z"/></g>',
         "strategy": '<g class="strategy"><path d="M4 0H30L26 14H0Z"/></g>',
@@ -354,7 +354,7 @@ HOW = {
 
 
 def write_case(case: SafetyCase, path: str | os.PathLike[str]) -> Path:
-    """Writes the page; `SoterError` D006 if it cannot be written."""
+    """Writes the page to `path`; raises `SoterError` D006 if that is impossible."""
     return write_document(case.title, case_body(case), path)
 
 
@@ -400,7 +400,7 @@ def _page_facts(case: SafetyCase) -> dict[str, str]:
 
 
 def _open_items(case: SafetyCase) -> list[tuple[str, int, dict[tuple[str, str], list[str]]]]:
-    """The open items by kind: the kind, their number, and the ids by reason."""
+    """For each kind of open item: the title, the number of items, and the ids by reason."""
     listed = []
     for kind, title in KINDS.items():
         mine = [item for item in case.traceability.open if item.kind == kind]
@@ -415,7 +415,7 @@ def _open_items(case: SafetyCase) -> list[tuple[str, int, dict[tuple[str, str], 
 def _traced_items(
     case: SafetyCase,
 ) -> list[tuple[str, list[tuple[TracedItem, list[TracedProperty]]]]]:
-    """Hazards and requirements in the given order, each with the properties it traces to."""
+    """Hazards, then requirements, each with the properties to which it traces."""
     properties = {p.name: p for p in case.traceability.properties}
     sections = []
     for kind in ("hazard", "requirement"):
@@ -426,7 +426,7 @@ def _traced_items(
 
 
 def _open_conditions(case: SafetyCase, behind: Sequence[TracedProperty]) -> str:
-    """What a supported row still depends on, as text: open assumptions, missing flights."""
+    """The conditions under which a supported row holds: open assumptions, missing flights."""
     count = sum(item.kind == "assumption" for item in case.traceability.open)
     parts = [f"with {count} assumption{'s' if count > 1 else ''} open"] if count else []
     if any(p.status == "not flown" for p in behind):
@@ -435,7 +435,7 @@ def _open_conditions(case: SafetyCase, behind: Sequence[TracedProperty]) -> str:
 
 
 def _evidence_rows(case: SafetyCase) -> list[tuple[list[CaseNode], list[CaseNode]]]:
-    """The rows of the table of evidence: each piece once, with all goals that it supports."""
+    """The rows of the evidence table: each piece of evidence once, with the goals it supports."""
     nodes_by_evidence: dict[tuple[str, str, str, str, bool], list[CaseNode]] = {}
     for n in case.nodes:
         if n.kind == "solution":

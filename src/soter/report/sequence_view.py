@@ -30,7 +30,7 @@ is lost; a step that overruns, so that its publications come later; these public
 
 @dataclass(frozen=True)
 class Lane:
-    """An actor of the trace. `name`: its full dotted name. `module`: its RTA module, or None."""
+    """An actor of the trace; `name` is its full dotted name, `module` its RTA module or None."""
 
     name: str
     role: Role
@@ -39,7 +39,7 @@ class Lane:
 
 @dataclass(frozen=True)
 class ModuleModes:
-    """A module's modes from the start on, each with the number of the step that set it."""
+    """All modes of a module from the start on, each with the number of the step that set it."""
 
     module: str
     modes: tuple[tuple[int, Mode], ...]
@@ -47,7 +47,7 @@ class ModuleModes:
 
 @dataclass(frozen=True)
 class Pick:
-    """An alternative that was chosen. `what`: the choice in the words of the source."""
+    """An alternative that was chosen; `what` is the choice as the source writes it."""
 
     what: str
     value: str
@@ -56,7 +56,7 @@ class Pick:
 
 @dataclass(frozen=True)
 class Published:
-    """The fact that a topic got this value."""
+    """Records that a topic got this value."""
 
     topic: str
     value: str
@@ -64,7 +64,7 @@ class Published:
 
 @dataclass(frozen=True)
 class ModeSwitch:
-    """The DM of `module` changed its mode."""
+    """Records that the DM of `module` changed the mode."""
 
     module: str
     before: Mode
@@ -73,16 +73,15 @@ class ModeSwitch:
 
 @dataclass(frozen=True)
 class SequenceStep:
-    """One row. `lane` is empty for the start, which is of the whole system.
+    """One row of the view. `lane` is empty for the start, which belongs to the system as a whole.
 
-    `number`: rising along the trace. `release_ns` is None where there was none: the start, and
-    publications that take effect; it is at most `time_ns`. `gated`: computed, but its outputs
-    were not enabled, so `published` reached nobody. What an overrunning step publishes stands at
-    the step where it takes effect; `lasts_ns` is the time from its start to there, at both of them,
-    where it is known. `fault`: what went wrong in the step. `dropped`: what was lost as it
-    published, a clause each.
-    `observable`: time may pass after it, so properties are checked. `violates`: the property is
-    violated here. `note`: one sentence for the reader, free.
+    `number` rises along the trace. `release_ns` is at most `time_ns`; it is None for the start and
+    for publications that take effect. `gated`: the step ran, but its outputs were disabled, so
+    `published` reached nobody. The output of an overrunning step stands at the later step at which
+    it takes effect; at both, `lasts_ns` is the time between them, if known. `fault`: the error in
+    the step. `dropped`: a clause for each message that was lost. `observable`: time may pass after
+    the step, so properties are checked. `violates`: the property is violated here. `note`: a
+    sentence for the reader.
     """
 
     number: int
@@ -106,10 +105,9 @@ class SequenceStep:
 class SequenceView:
     """A trace to look at. `property_text` and `verdict` may hold code in backquotes.
 
-    `verdict`: one sentence; `remark`: another, whether the trace is the shortest. `steps` stand in
-    the order they happened; `topics`: their names.
-    `program_sha256`, `seed` and `tool_version` say what was replayed and by what; `provenance`
-    adds names and values of one's own, such as the command.
+    `verdict` is one sentence; `remark` says whether the trace is the shortest. `steps` are in the
+    order in which they happened; `topics` are names. `program_sha256`, `seed` and `tool_version`
+    identify the replay; `provenance` adds further names and values, such as the command.
     """
 
     program: str
@@ -135,12 +133,12 @@ def first_violation(view: SequenceView) -> SequenceStep | None:
 
 
 def reaching_values(step: SequenceStep) -> tuple[Published, ...]:
-    """The values that a step published and others received; () if its outputs were disabled."""
+    """The values of a step that reached other actors; () if its outputs were disabled."""
     return () if step.gated or step.kind in ("lost", "overrun") else step.published
 
 
 def late_ns(step: SequenceStep) -> int:
-    """By how many ns a step is later than its release; 0 if it has none."""
+    """By how many ns a step is later than its release; 0 if it has no release time."""
     return 0 if step.release_ns is None else max(step.time_ns - step.release_ns, 0)
 
 
@@ -204,8 +202,8 @@ def late_text(step: SequenceStep) -> str:
     return f"{duration_text(late)} late" if late else ""
 
 
-def deed_phrases(step: SequenceStep) -> list[str]:
-    """What a step does apart from publishing, as phrases."""
+def action_phrases(step: SequenceStep) -> list[str]:
+    """Phrases for everything that a step does except publishing."""
     phrases = [_kind_text(step)]
     if step.switch is not None:
         change = f"{step.switch.before} {ARROW} {step.switch.after}"
@@ -260,10 +258,10 @@ def table_text(
     most: int = 0,
     width: int | None = None,
 ) -> list[str]:
-    """Return the lines to print: a table with a row for each step, then why the property fails.
+    """The lines to print: a table with a row for each step, then why the property fails.
 
-    Of more than `most` steps (0: no limit) it has the first and the last. `width`: columns of the
-    terminal, where they are known.
+    If there are more than `most` steps (0: no limit), it shows only the first and the last of them.
+    `width`: columns of the terminal, if known.
     """
     made = table_rows(view, cell_max=cell_max)
     left_out = len(made) - most if 0 < most < len(made) else 0
@@ -277,7 +275,7 @@ def table_text(
 
 
 def table_rows(view: SequenceView, *, cell_max: int = CELL_MAX) -> list[list[Styled]]:
-    """The cells of each step under `HEADERS`, each clipped to `cell_max` columns."""
+    """The table cells of each step, in the order of `HEADERS`, cut to `cell_max` columns."""
     made: list[list[Styled]] = []
     time_ns: int | None = None
     for step in view.steps:
@@ -294,9 +292,9 @@ def _step_row(step: SequenceStep, cell_max: int, *, same_time: bool) -> list[Sty
         Styled(clipped_to_width(visible(step.lane), cell_max), tone),
         Styled(
             clipped_to_width(
-                ", ".join(filter(None, (late_text(step), *deed_phrases(step)))), cell_max
+                ", ".join(filter(None, (late_text(step), *action_phrases(step)))), cell_max
             ),
-            _tone_of_deed(step),
+            _action_tone(step),
         ),
         Styled(
             clipped_to_width(", ".join(map(published_text, step.published)), cell_max),
@@ -306,7 +304,7 @@ def _step_row(step: SequenceStep, cell_max: int, *, same_time: bool) -> list[Sty
     ]
 
 
-def _tone_of_deed(step: SequenceStep) -> Tone:
+def _action_tone(step: SequenceStep) -> Tone:
     if step.fault is not None:
         return "bad"
     if step.switch is not None:

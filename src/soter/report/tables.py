@@ -37,7 +37,7 @@ BLANK = ("", "-", "—")
 
 @dataclass(frozen=True)
 class Styled:
-    """A cell with a tone, which gives it a colour if colours are on."""
+    """A table cell with a tone, which gives the cell a colour if colours are on."""
 
     text: str
     tone: Tone
@@ -53,13 +53,13 @@ def table(
     color: bool = False,
     width: int | None = None,
 ) -> str:
-    """Return an aligned table as lines of text, without a line break at the end.
+    """An aligned table as lines of text, without a line break at the end.
 
-    `headers`: one title a column; `rows`: as many entries each. Columns of numbers, with or
-    without a unit, are flush right, others flush left. Floats are written with four
-    significant digits; whoever wants others passes a text. `width`: columns of the terminal; a
-    wider table has its widest columns broken between words, as far as there are words (a
-    no-break space is none). Raises `ValueError` for a row of another length.
+    `headers`: one title per column; `rows`: as many entries each. Columns of numbers, with or
+    without a unit, are flush right, others flush left. Floats are written with four significant
+    digits; for another format, pass a text. `width`: columns of the terminal; in a wider table the
+    widest columns are broken between words, as far as possible (never at a no-break space). Raises
+    `ValueError` for a row of another length.
     """
     cells = [[_styled_entry(entry) for entry in row] for row in rows]
     for row in cells:
@@ -80,7 +80,7 @@ def table(
 def _column_widths(
     headers: Sequence[str], columns: list[list[str]], right: list[bool], most: int | None
 ) -> list[int]:
-    """The width of every column: the widest shrink until all fit or none can shrink."""
+    """The width of every column; wide columns shrink until the table fits or cannot shrink."""
     every = [[header, *column] for header, column in zip(headers, columns, strict=True)]
     widths = [max(display_width(text) for text in texts) for texts in every]
     if most is None:
@@ -101,12 +101,12 @@ def _column_widths(
 
 
 def _breakable_words(text: str) -> list[str]:
-    """The words between which a text can be broken."""
+    """The words of a text, split at each blank where a line may break."""
     return [word for word in text.split(" ") if word]
 
 
 def _row_lines(row: Sequence[Styled], widths: Sequence[int]) -> list[list[Styled]]:
-    """The lines of a row, each with a cell for every column."""
+    """The lines of a row; each line has a cell for every column."""
     parts = [_wrapped_lines(cell.text, width) for cell, width in zip(row, widths, strict=True)]
     return [
         [
@@ -118,7 +118,7 @@ def _row_lines(row: Sequence[Styled], widths: Sequence[int]) -> list[list[Styled
 
 
 def _wrapped_lines(text: str, width: int) -> list[str]:
-    """The lines of a text, none wider than `width` except for a single word."""
+    """The lines of a text, which are at most `width` wide unless a single word is wider."""
     if display_width(text) <= width:
         return [text]
     lines = [""]
@@ -146,12 +146,12 @@ def mode_timeline(
     *,
     ascii_only: bool = False,
 ) -> str:
-    """Return a bar of `width` columns of who is in control: `▏SC▕████AC████▏SC▕███`.
+    """A bar of `width` columns that shows who is in control: `▏SC▕████AC████▏SC▕███`.
 
-    `time_s` (N,) in s, increasing; `in_control` (N,) bool, true where AC is in control from
-    this sample to the next. A column shows whoever holds it longer; yet an SC stretch shorter
-    than that still takes one column, for a takeover must never disappear. A stretch is named
-    where its name fits. With `ascii_only`: `[SC]====AC====[SC]===`.
+    `time_s` (N,) in s, increasing; `in_control` (N,) bool, true if AC is in control from this
+    sample to the next. A column shows the controller that has it longer. Yet a shorter SC stretch
+    still takes one column, because a takeover must never disappear. A stretch shows its name if the
+    name fits. With `ascii_only`: `[SC]====AC====[SC]===`.
     """
     if width < 1 or len(time_s) == 0:
         return ""
@@ -166,7 +166,7 @@ def mode_timeline(
 def _control_by_column(
     time_s: NDArray[np.float64], in_control: NDArray[np.bool_], width: int
 ) -> NDArray[np.bool_]:
-    """Who has control in each column: (width,) bool, true for AC."""
+    """Who has control in each column of the bar: (width,) bool, true for AC."""
     start, duration = float(time_s[0]), float(time_s[-1] - time_s[0])
     if duration <= 0:
         return np.full(width, bool(in_control[0]))
@@ -186,7 +186,7 @@ def _control_by_column(
 
 
 def _mode_columns(is_ac: bool, length: int, *, ascii_only: bool) -> str:
-    """The text for the columns of one stretch."""
+    """The text for the columns of one stretch of equal mode."""
     name = "AC" if is_ac else "SC"
     if is_ac:
         fill = "=" if ascii_only else "█"
@@ -199,7 +199,7 @@ def _mode_columns(is_ac: bool, length: int, *, ascii_only: bool) -> str:
 
 
 def _styled_entry(entry: Entry) -> Styled:
-    """The entry as text with a tone."""
+    """The entry as a text cell with a tone."""
     if isinstance(entry, Styled):
         return entry
     if isinstance(entry, bool):
@@ -208,7 +208,7 @@ def _styled_entry(entry: Entry) -> Styled:
 
 
 def _is_numeric(column: Sequence[str]) -> bool:
-    """Whether a column has only numbers, and at least one."""
+    """Whether a column contains only numbers and at least one of them."""
     filled = [text for text in column if text.strip() not in BLANK]
     return bool(filled) and all(NUMBER.match(text.strip()) for text in filled)
 
@@ -245,7 +245,7 @@ def notebook_table(
 
 
 def framed_document(document: str, height_px: int = 720) -> str:
-    """An HTML document in a frame, from which scripts reach neither notebook nor network."""
+    """An HTML document in a frame that keeps its scripts away from notebook and network."""
     return (
         f'<iframe srcdoc="{escape(document, quote=True)}" sandbox="allow-scripts" title="report" '
         f'loading="lazy" style="width:100%;height:{height_px}px;border:1px solid #8888"></iframe>'

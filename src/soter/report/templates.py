@@ -35,7 +35,7 @@ ESCAPED = (PAGE, ".xml.j2")
 
 
 def filled(template: str, /, **context: object) -> str:
-    """The text of a template with values filled in; its name is its path below `soter`."""
+    """Fills a template with values; `template` is its path below the `soter` folder."""
     return _environment().get_template(template).render(context)
 
 
@@ -68,7 +68,7 @@ def _environment() -> Environment:
 class PageSection:
     """A heading, sentences below it, and a table: rows of text under `head`.
 
-    `opens`: the number of the row at which the table opens, in a box that scrolls. `drawn`: HTML.
+    `opens`: the index of the row to which the table first scrolls. `drawn`: HTML.
     """
 
     title: str
@@ -80,7 +80,7 @@ class PageSection:
 
 
 def sections_main(title: str, headline: str, verdict: str, sections: Sequence[PageSection]) -> str:
-    """The body of the page; `verdict`: "good", "bad" or "" sets the colour of the headline."""
+    """The HTML body of a page; `verdict` ("good", "bad" or "") sets the headline's colour."""
     return filled(
         "report/plain_page.html.j2",
         title=title,
@@ -98,7 +98,7 @@ EXACT_MAX = 2**53
 
 
 def script_json(value: object) -> str:
-    """JSON that no text in it can use to end its script element; ValueError for NaN."""
+    """The JSON of a value, in which no text can end the script element; ValueError for NaN."""
     text = json.dumps(value, allow_nan=False, separators=(",", ":"))
     for char in "<>&\u2028\u2029":
         text = text.replace(char, f"\\u{ord(char):04x}")
@@ -106,7 +106,7 @@ def script_json(value: object) -> str:
 
 
 def rounded_numbers(values: NDArray[np.float64], digits: int = 3) -> list[float | None]:
-    """Values (N,) for JSON, rounded; non-finite ones become null, a gap in a line."""
+    """The values (N,), rounded for JSON; a non-finite value becomes null, a gap in a line."""
     import numpy as np  # noqa: PLC0415 - sections of text need no figures
 
     rounded = np.round(values.astype(np.float64), digits) + 0.0
@@ -114,9 +114,9 @@ def rounded_numbers(values: NDArray[np.float64], digits: int = 3) -> list[float 
 
 
 def packed_numbers(value: object) -> object:
-    """A list of more than `LONG` numbers and gaps (None), packed; other values unchanged.
+    """Packs a list of more than `LONG` numbers and gaps (None); other values stay unchanged.
 
-    A list in which a number has more than 12 digits behind the point, or is no number, stays.
+    A list stays if an item is no number or has more than 12 digits after the decimal point.
     """
     if not isinstance(value, list) or len(value) <= LONG:
         return value
@@ -140,6 +140,6 @@ def packed_numbers(value: object) -> object:
 
 
 def _decimal_digits(value: float) -> int:
-    """The number of digits behind the point in the shortest decimal for this double."""
+    """How many digits the shortest decimal for this double has after the decimal point."""
     mantissa, _, exponent = repr(float(value)).partition("e")
     return max(len(mantissa.partition(".")[2].rstrip("0")) - int(exponent or 0), 0)

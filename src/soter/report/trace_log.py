@@ -62,10 +62,10 @@ TRUTH = {"true": True, "false": False}
 
 
 def write_log(view: SequenceView, path: str | os.PathLike[str]) -> Path:
-    """Write the trace to `path` and return it; the same view gives the same bytes.
+    """Writes the trace to `path` and returns the path; the same view gives the same bytes.
 
-    Raises as `mcap_log.write_mcap` does: `SoterError` D006, D007, and `ValueError` for times that
-    are negative or run backwards.
+    Raises the errors of `mcap_log.write_mcap`: `SoterError` D006, D007, and `ValueError` for times
+    that are negative or run backwards.
     """
     header = LogHeader(
         program_sha256=view.program_sha256,
@@ -110,7 +110,7 @@ def _step_message(step: SequenceStep) -> Message:
 
 
 def _topic_channels(view: SequenceView) -> Iterator[LogChannel]:
-    """Yields a channel for each topic that is named or got a value, in that order."""
+    """Yields a channel for each topic in `topics`, then for each other topic that got a value."""
     values: dict[str, list[tuple[SequenceStep, str]]] = {name: [] for name in view.topics}
     for step in view.steps:
         for published in reaching_values(step):
@@ -125,7 +125,7 @@ def _topic_channels(view: SequenceView) -> Iterator[LogChannel]:
 
 
 def _typed_values(texts: list[str]) -> tuple[JsonSchema, list[bool] | list[float] | list[str]]:
-    """The texts of a topic as truth values if all are, else as numbers, else as texts."""
+    """Parses a topic's texts as booleans or numbers if all allow it; else keeps them as texts."""
     if texts and all(text in TRUTH for text in texts):
         return BOOLEAN, [TRUTH[text] for text in texts]
     if texts and all(NUMERIC.fullmatch(text) for text in texts):
@@ -147,7 +147,7 @@ def _mode_changes(view: SequenceView) -> list[ModeRecord]:
 
 
 def _dm_steps(view: SequenceView) -> Iterator[DecisionStep]:
-    """Yields every step of a DM that was made, with the modes before and after it."""
+    """Yields every DM step, with the modes before and after the step."""
     modules = {lane.name: lane.module for lane in view.lanes if lane.role == "dm"}
     for step in view.steps:
         module = modules.get(step.lane)
@@ -161,7 +161,7 @@ def _dm_steps(view: SequenceView) -> Iterator[DecisionStep]:
 def modes_around(
     view: SequenceView, module: str, step: SequenceStep
 ) -> tuple[Mode | None, Mode | None]:
-    """The modes of a module before and after a step; None if the view does not tell."""
+    """The modes of a module before and after a step; None if the view does not record them."""
     if step.switch is not None and step.switch.module == module:
         return step.switch.before, step.switch.after
     modes = next((each.modes for each in view.modes if each.module == module), ())

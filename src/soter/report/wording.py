@@ -54,7 +54,7 @@ def _escaped_character(char: str) -> str:
 
 
 def changed_parameters(system: System) -> dict[str, tuple[str, str]]:
-    """By parameter that is not at its default: its value and its default, as text.
+    """Maps each parameter that is not at its default to its value and its default, as texts.
 
     The default of an instance's parameter (`r[0].GAIN`) is its value outside of the instance.
     """

@@ -29,7 +29,7 @@ CHANCE, CORNER, TURN, HOLDS, TOGETHER, MIXED = range(6)
 """The adversary's patterns, which the top byte of a seed selects."""
 
 
-def _mix_uniform(key: int, index: int, low: float, high: float) -> float:
+def _patterned_uniform(key: int, index: int, low: float, high: float) -> float:
     segment = bits_at(key, index >> (3 + (key & 7)))
     if segment & 3 == 0:
         return low
@@ -53,7 +53,7 @@ def adverse_float(seed: int, stream: str, index: int, low: float, high: float) -
     elif pattern == TOGETHER:
         side ^= bits_at(seed_key, index >> (seed_key % 13)) >> 63
     elif pattern == MIXED:
-        return _mix_uniform(key, index, low, high)
+        return _patterned_uniform(key, index, low, high)
     elif pattern != CORNER:
         return float_of_bits(bits_at(key, index), low, high)
     return high if side else low
@@ -61,21 +61,21 @@ def adverse_float(seed: int, stream: str, index: int, low: float, high: float) -
 
 @dataclass(frozen=True)
 class AdverseDraws:
-    """Floats at their bounds in the pattern of the seed; bools, ints and enums by chance."""
+    """Draws floats at their bounds in a pattern set by the seed, and other values by chance."""
 
     seed: int
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
-        """Gives a float of [low, high], in the pattern of the seed."""
+        """Gives a float of [low, high], which follows the pattern of the seed."""
         return adverse_float(self.seed, stream, index, low, high)
 
     def leaf_value(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
-        """Gives a value of a scalar type: a float by `uniform`, others by chance."""
+        """Gives a value of a scalar type: a float as `uniform` gives it, another type by chance."""
         if isinstance(t, FloatType):
             assert bound is not None, f"{stream} is not bounded"
             return self.uniform(stream, index, bound.low, bound.high)
         return SeededDraws(self.seed).leaf_value(t, bound, stream, index)
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """Gives the number of one of `count` alternatives, by chance."""
+        """Gives an index below `count`, drawn by chance."""
         return SeededDraws(self.seed).choice(stream, index, count)

@@ -25,7 +25,7 @@ MANY = 2**32 - 1
 
 @dataclass(frozen=True, slots=True)
 class ChoiceQuestion:
-    """One question with more than one alternative, and its answer."""
+    """A question that had more than one possible answer, with the answer."""
 
     stream: str
     count: int
@@ -34,11 +34,11 @@ class ChoiceQuestion:
 
 
 class AnsweredDraws:
-    """Draws by `answer`: a function, or by stream the picks to come, after which it is 0.
+    """Draws that follow `answer`: a function, or queues of picks by stream (0 once they are empty).
 
-    A question with one alternative is not asked. Disturbances that hold, and what extern plants
-    draw, are drawn by chance under `seed`. `questions` has what was asked, in order; empty it
-    between steps at will.
+    A question with one alternative is not asked. Held disturbances and the draws of extern plants
+    come by chance from `seed`. `questions` records what was asked, in order; a caller may empty it
+    between steps.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class AnsweredDraws:
         self._by_chance = frozenset(_streams_of_chance(system))
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
-        """Gives 0, or the middle if 0 is outside; low; or high, as the answer says."""
+        """Gives one of three values, as the answer picks: 0 (or the middle), `low` or `high`."""
         if stream in self._by_chance:
             return self._chance.uniform(stream, index, low, high)
         middle = 0.0 if low <= 0.0 <= high else low + (high - low) / 2.0
@@ -59,7 +59,7 @@ class AnsweredDraws:
         return value
 
     def leaf_value(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
-        """Gives a float as `uniform` does; any bool, any enum member, or any int of the bound."""
+        """Gives a float as `uniform` does, or a bool, an enum member or an int that is picked."""
         if isinstance(t, FloatType):
             assert bound is not None, f"{stream} is not bounded"
             return self.uniform(stream, index, bound.low, bound.high)
@@ -89,13 +89,13 @@ class AnsweredDraws:
 
 
 def queued_answers(picks: Mapping[str, Iterable[int]]) -> Answer:
-    """Gives an `Answer` from a queue of picks for each stream; 0 once a queue is empty."""
+    """Gives an `Answer` that takes its picks from a queue for each stream; 0 for an empty queue."""
     left = {stream: iter(queue) for stream, queue in picks.items()}
     return lambda stream, _: next(left.get(stream, iter(())), 0)
 
 
 def _streams_of_chance(system: System) -> Iterable[str]:
-    """Gives the streams whose draws are made by chance, and not asked of the driver."""
+    """Gives the streams that are drawn by chance, without a question to the driver."""
     for component in system.components:
         for d in component.disturbances:
             if d.hold_ns > 0 or component.extern:

@@ -29,7 +29,7 @@ LOST = 0
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """(L, OE, ct, FN, Topics), and what the gate and the rulings on time need.
+    """The configuration (L, OE, ct, FN, Topics) of the paper, with stamps, latches and gate state.
 
     Indices are those of `System.components`, `.topics` and `.modules`.
     """
@@ -67,7 +67,7 @@ SC, AC = 0, 1
 
 @dataclass(frozen=True, slots=True)
 class DecisionVerdict:
-    """What a step of a DM read and decided; `gate_fault` as it was before the step."""
+    """The values that a DM step read and decided; `gate_fault` is from before the step."""
 
     module: int
     ttf: bool
@@ -84,9 +84,9 @@ class DecisionVerdict:
 class StepOutcome:
     """The report of a step of a plant or node.
 
-    `published` holds what reached the topics, by topic index. `module` is set for a gate fault:
-    the module whose AC it was. `latched` says that this step latched the component. `bursts`
-    has all messages of topics of which a step may publish several; `published` the last.
+    `published` maps topic indices to the values that reached the topics. `module` is set for a gate
+    fault: the module of the faulty AC. `latched`: whether this step latched the component. `bursts`
+    has all messages of topics of which a step may publish several; `published` has the last.
     """
 
     component: int
@@ -100,12 +100,12 @@ class StepOutcome:
 
     @property
     def violated(self) -> tuple[int, ...]:
-        """Gives the contracts that this step violated, as property indices."""
+        """Gives the indices of the contract properties that this step violated."""
         return tuple([i for i, violated in self.contract_violations.items() if violated])
 
 
 def enabled_outputs(oe: Sequence[bool], module: Module, mode: int) -> tuple[bool, ...]:
-    """Gives OE, whose outputs are enabled, once a module has this mode."""
+    """Gives `oe` (whose outputs are enabled) as it becomes when a module enters this mode."""
     flags = list(oe)
     flags[module.sc] = mode == SC
     flags[module.ac] = mode == AC
@@ -113,7 +113,7 @@ def enabled_outputs(oe: Sequence[bool], module: Module, mode: int) -> tuple[bool
 
 
 def enabled_at_first(system: System, modes: Sequence[int]) -> tuple[bool, ...]:
-    """Gives OE at the start, in these modes; outputs of all but controllers are enabled."""
+    """Gives for each component whether its outputs are enabled at the start, in these modes."""
     oe: tuple[bool, ...] = (True,) * len(system.components)
     for module, mode in zip(system.modules, modes, strict=True):
         oe = enabled_outputs(oe, module, mode)

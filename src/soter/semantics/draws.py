@@ -52,7 +52,7 @@ def fnv1a_64(text: str) -> int:
 
 @lru_cache(maxsize=4096)
 def stream_key(seed: int, stream: str) -> int:
-    """Gives the key from which a stream's draws under one seed follow."""
+    """Gives the key that determines all draws of a stream under this seed."""
     return splitmix64(splitmix64((seed + GOLDEN) & MASK) ^ fnv1a_64(stream))
 
 
@@ -67,7 +67,7 @@ def bits_at(key: int, index: int) -> int:
 
 
 def draw_float(seed: int, stream: str, index: int, low: float, high: float) -> float:
-    """Gives a uniform float of [low, high]; rounding never leads outside."""
+    """Gives a uniform float of [low, high]; rounding cannot push it outside."""
     return float_of_bits(draw_bits(seed, stream, index), low, high)
 
 
@@ -87,7 +87,7 @@ class Draws(Protocol):
         """Gives a value of a scalar type within its bound."""
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """Gives the number, from 0, of one of `count` alternatives, count >= 1."""
+        """Gives an index from 0 to `count` - 1, where `count` is at least 1."""
 
 
 CHOICES_A_STEP = 4096
@@ -109,12 +109,12 @@ class SeededDraws:
         return _draw_leaf(t, bound, self.seed, stream, index)
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """Gives one of `count` alternatives, uniformly."""
+        """Gives an index below `count`, drawn uniformly."""
         return draw_bits(self.seed, stream, index) % count
 
 
 def choice_answerer(draws: Draws, component: Component, ct: int) -> Callable[[int], int]:
-    """Gives the function that answers the `choose`s of one step at `ct` from `draws`, in order."""
+    """Gives a function that answers the `choose`s of one step at `ct` in order from `draws`."""
     stream = f"{component.name}.choose"
     indices = count((ct - component.phase_ns) // component.period_ns * CHOICES_A_STEP)
     return lambda alternatives: draws.choice(stream, next(indices), alternatives)
@@ -123,9 +123,9 @@ def choice_answerer(draws: Draws, component: Component, ct: int) -> Callable[[in
 def chosen_value(
     t: Type, bounds: Sequence[Bound | None], draws: Draws, base: str, index: int
 ) -> Value:
-    """Gives a value whose leaves `draws` chooses, each from a stream of its own.
+    """Gives a value whose leaves are drawn by `draws`, each from its separate stream.
 
-    `bounds` in the order of `leaves(t)`; a list has no fixed leaves and cannot be drawn.
+    `bounds` are in the order of `leaves(t)`. A list has no fixed leaves and cannot be drawn.
     """
     drawn = (
         draws.leaf_value(leaf, bound, stream_of_leaf(base, path), index)
@@ -154,7 +154,7 @@ def _draw_leaf(t: Type, bound: Bound | None, seed: int, stream: str, index: int)
 
 
 def value_of_leaves(t: Type, leaf_values: Iterator[Value]) -> Value:
-    """Gives the value of type `t` with these leaves, in the order of `leaves(t)`; no lists."""
+    """Builds a value of type `t` (without lists) from its leaves in the order of `leaves(t)`."""
     if isinstance(t, RecordType):
         return tuple([value_of_leaves(f, leaf_values) for _, f in t.fields])
     if isinstance(t, ArrayType):

@@ -45,28 +45,30 @@ if TYPE_CHECKING:
     Named = tuple[tuple[Variable, Compiled], ...]
 
 
-def function_to_stored(types: Iterable[Type]) -> Store:
+def stored_form_function(types: Iterable[Type]) -> Store:
     """Gives a function that replaces each NaN in a tuple by the NaN that is stored."""
-    parts = [_function_to_stored(t) for t in types]
+    parts = [_stored_form_function(t) for t in types]
     if not any(parts):
-        return _same_value
-    complete = [part or _same_value for part in parts]
+        return _unchanged_value
+    complete = [part or _unchanged_value for part in parts]
     return lambda values: tuple([f(v) for f, v in zip(complete, values, strict=True)])
 
 
-def _function_to_stored(t: Type) -> Store | None:
+def _stored_form_function(t: Type) -> Store | None:
     if isinstance(t, FloatType):
         return with_stored_nan
     if isinstance(t, RecordType):
         fields = [f for _, f in t.fields]
-        return function_to_stored(fields) if any(_function_to_stored(f) for f in fields) else None
+        return (
+            stored_form_function(fields) if any(_stored_form_function(f) for f in fields) else None
+        )
     if isinstance(t, (ArrayType, ListType)):
-        element = _function_to_stored(t.element)
+        element = _stored_form_function(t.element)
         return None if element is None else lambda values: tuple(map(element, values))
     return None
 
 
-def _same_value(value: Value) -> Value:
+def _unchanged_value(value: Value) -> Value:
     return value
 
 
@@ -90,10 +92,10 @@ class ErrorStream:
 
 @dataclass(frozen=True, slots=True)
 class PlantCode:
-    """The code of a plant; `move` replaces the motion of an extern one.
+    """The compiled code of a plant; `move` replaces the motion of an extern plant.
 
-    `first`: the lets that a step evaluates first of all; `chosen`: those among them that choose,
-    and are not evaluated again.
+    `first`: the lets that a step evaluates before all else. `chosen`: those of them that contain a
+    choice, and so are not evaluated again.
     """
 
     component: Component
@@ -114,7 +116,7 @@ class PlantCode:
 def compile_plant(
     component: Component, evaluator: Evaluator, topics: Sequence[Topic], move: Move | None
 ) -> PlantCode:
-    """Gives the code of a plant instance; `der` and `next` keep the program's order."""
+    """Compiles a plant instance; `der` and `next` keep the order of the program."""
     plant = component.plant
     assert plant is not None, component.name
 
@@ -125,13 +127,13 @@ def compile_plant(
     return PlantCode(
         component=component,
         states=plant.states,
-        store=function_to_stored(v.type for v in plant.states),
+        store=stored_form_function(v.type for v in plant.states),
         first=with_closures(lets_run_first(plant)),
         chosen=frozenset(lets_that_choose(plant)),
         lets=with_closures(plant.lets),
         der=with_closures(tuple(plant.der.items())),
         next=with_closures(tuple(plant.next.items())),
-        arithmetic=tuple([_arithmetic_of(v.type) for v in plant.der]),
+        arithmetic=tuple([_state_arithmetic(v.type) for v in plant.der]),
         method=plant.method,
         drives=tuple([(scope[t], evaluator.compiled(e)) for t, e in plant.drives]),
         readings=tuple(
@@ -144,7 +146,7 @@ def compile_plant(
     )
 
 
-def _arithmetic_of(t: Type) -> Arithmetic:
+def _state_arithmetic(t: Type) -> Arithmetic:
     zipped, each = arithmetic.function_on_pairs(t), arithmetic.function_on_components(t)
     return Arithmetic(
         add=lambda x, y: zipped(operator.add, x, y),
@@ -153,7 +155,7 @@ def _arithmetic_of(t: Type) -> Arithmetic:
 
 
 def _leaf_at(t: Type, leaf: int) -> tuple[int, ...]:
-    """Gives the positions, from the outside in, of the leaf with this number."""
+    """Gives the positions that lead from the value to its leaf with this number."""
     return tuple(positions(t, list(leaves(t))[leaf][0]))
 
 
@@ -163,10 +165,10 @@ STACK_DEPTH = 10_000
 
 @dataclass(frozen=True, slots=True)
 class NodeCode:
-    """The code of a node: `outputs` are topic indices in the order of its `publishes`.
+    """The code of a node; `outputs` are topic indices in the order of its `publishes`.
 
-    `queues` are the queues that it reads, `bursts` the outputs of which a step may publish several
-    messages.
+    `queues` are the queues that the node reads; `bursts` are the outputs of which a step may
+    publish several messages.
     """
 
     locals: tuple[Variable, ...]
@@ -180,7 +182,7 @@ class NodeCode:
 
 @dataclass(frozen=True, slots=True)
 class DmCode:
-    """The code of a DM's predicates; None where the program leaves them to `soter verify`."""
+    """The code of a DM's predicates; a predicate is None if `soter verify` has to compute it."""
 
     module: Module
     ttf: Compiled | None
@@ -193,9 +195,9 @@ class DmCode:
     def decide(
         self, env: Environment, topics: Sequence[Value]
     ) -> tuple[bool, bool, int | None, bool]:
-        """Gives `ttf`, `safer`, a plan that is good (or None), and whether a NaN was compared.
+        """Gives `ttf`, `safer`, a good plan (or None), and whether a NaN was compared.
 
-        Of several plans the last one is asked first. A plan whose check faults is not good.
+        With several plans, the last plan is checked first. A plan whose check faults is not good.
         """
         if self.module.plan is None or not self.goods:
             ttf, nan_in_ttf = _truth_of(self.ttf, env, unknown=True)
@@ -211,7 +213,7 @@ class DmCode:
 
 
 def _truth_of(predicate: Compiled | None, env: Environment, *, unknown: bool) -> tuple[bool, bool]:
-    """Gives a predicate's truth (`unknown`: it is missing or faults), and if it met a NaN."""
+    """Gives a predicate's truth (`unknown` if missing or faulting), and whether it met a NaN."""
     if predicate is None:
         return unknown, False
     try:
@@ -222,9 +224,9 @@ def _truth_of(predicate: Compiled | None, env: Environment, *, unknown: bool) ->
 
 @dataclass(frozen=True, slots=True)
 class ShieldCode:
-    """The code of a module's shield: its topic, that topic's next value, what is permitted.
+    """The code of a module's shield: its topic, the topic's next value, the check of commands.
 
-    With `toward sc` also the topic of proposals, and the code that moves all numbers.
+    With `toward sc` it also has the topic of proposals and the code that moves all numbers.
     """
 
     topic: int
@@ -237,9 +239,9 @@ class ShieldCode:
 class ExecutableSystem:
     """The compiled system. `externs` maps component names and extern functions to callables.
 
-    `draws` chooses disturbances, errors, starts and inputs; by default chance, under `seed`.
-    Raises `UnboundExternError` where an extern component, or an extern function that the code
-    calls, has no callable.
+    `draws` chooses disturbances, errors, starts and inputs; by default it draws by chance from
+    `seed`. Raises `UnboundExternError` if an extern component or a called extern function has no
+    callable.
     """
 
     def __init__(
@@ -276,7 +278,7 @@ class ExecutableSystem:
         self._require_bound([f.name for e in self._evaluators for f in e.unbound])
 
     def environment(self, c: Configuration, component: Component | None = None) -> Environment:
-        """Gives the environment by which code, of a component or none, reads a configuration."""
+        """Gives the environment in which the code of a component (or of none) reads `c`."""
         return Environment(
             topics=c.Topics,
             stamps=[c.stamps[i] for i in self._aged] if self._aged else c.stamps,
@@ -289,7 +291,7 @@ class ExecutableSystem:
         )
 
     def _margin_ns(self, c: Configuration, index: int) -> int:
-        """Gives for how many ns AC surely keeps control, after its DM's last step; 0 in SC."""
+        """Gives for how many ns AC surely keeps control after the last DM step; 0 in SC mode."""
         module = self.system.modules[index]
         assert module.looked is not None, module.name
         if c.L[module.dm] != AC:
@@ -327,7 +329,7 @@ class ExecutableSystem:
             self._enter_shield(component)
 
     def _enter_shield(self, component: Component) -> None:
-        """Enters the code of a controller's shield, if its module has one that is computed."""
+        """Compiles the shield that applies to a controller, if its module has a computed shield."""
         if component.module is None:
             return
         module = self.system.modules[component.module]
@@ -373,7 +375,7 @@ class ExecutableSystem:
             step = evaluator.compiled_block(node.step)
         return NodeCode(
             locals=node.locals,
-            store=function_to_stored(v.type for v in node.locals),
+            store=stored_form_function(v.type for v in node.locals),
             takeover=None if node.takeover is None else evaluator.compiled_block(node.takeover),
             step=step,
             outputs=tuple([component.scope.topics[topic] for topic in node.publishes]),
@@ -382,13 +384,13 @@ class ExecutableSystem:
         )
 
     def _compile_property(self, prop: Property) -> tuple[Compiled, bool]:
-        """Gives the condition of a property, and the value that it must have."""
+        """Gives the compiled condition of a property and the truth value that it must have."""
         assert prop.kind in ("always", "never", "assumes", "guarantees"), prop.kind
         return self._evaluator_for(prop.scope).compiled(prop.condition), prop.kind != "never"
 
 
 def _stamp_sources(system: System) -> tuple[int, ...]:
-    """Gives for each topic the one whose stamp is its age: a queue's source. () without queues."""
+    """Gives for each topic the topic whose stamp gives its age; () if the system has no queues."""
     if all(t.queue_of is None for t in system.topics):
         return ()
     return tuple([t.index if t.queue_of is None else t.queue_of for t in system.topics])

@@ -33,19 +33,19 @@ MESSAGE_MAX = 200
 
 
 class Stop(BaseException):
-    """Ctrl-C while an extern runs: the one exception that is not made a step fault."""
+    """Raised by Ctrl-C while an extern runs; the only exception that becomes no step fault."""
 
 
 class Converted(tuple):  # type: ignore[type-arg] # noqa: SLOT001 - a plain tuple with a name
-    """An answer that is converted already: one Soter value or None for each output, in order.
+    """A converted answer of an extern: one Soter value or None for each output, in order.
 
-    A driver that looks at an answer before the step does hands on this, so that code of the
-    extern's (`__float__`, `get`, a property) runs once.
+    A driver that converts an answer before the step does passes it on in this form, so that the
+    extern's code (`__float__`, `get`, a property) runs only once.
     """
 
 
 class UnboundExternError(Exception):
-    """The externs in `names` are bound to nothing."""
+    """Raised if the externs in `names` are bound to nothing."""
 
     def __init__(self, names: Sequence[str]) -> None:
         super().__init__("nothing is bound to " + ", ".join(f"`{n}`" for n in names))
@@ -53,7 +53,7 @@ class UnboundExternError(Exception):
 
 
 class ExternResetError(Exception):
-    """The `reset` of the extern `name` raised an exception, which is chained as the cause."""
+    """Raised if the `reset` of the extern `name` fails; the cause is chained."""
 
     def __init__(self, name: str, error: BaseException) -> None:
         super().__init__(f"`{name}` could not be reset: {visible_error(error)}")
@@ -61,7 +61,7 @@ class ExternResetError(Exception):
 
 
 def error_message(error: BaseException) -> str:
-    """Gives the message of an extern's exception on one line, even if `str` of it fails."""
+    """Gives the message of an extern's exception on one line, even if its `str` method fails."""
     try:
         text = str(error)
     except Stop:
@@ -72,13 +72,13 @@ def error_message(error: BaseException) -> str:
 
 
 def visible_error(error: BaseException) -> str:
-    """Gives kind and message of an extern's exception, with every character visible."""
+    """Gives the kind and message of an extern's exception, with invisible characters escaped."""
     text, kind = error_message(error), type(error).__name__
     return visible(f"{kind}: {text}" if text else kind)
 
 
 def step_function(bound: object) -> Step:
-    """Gives a bound object's `step` method, or the object itself; TypeError without either."""
+    """Gives the `step` method of an object, or the object; TypeError if neither is callable."""
     step = getattr(bound, "step", bound)
     if not callable(step):
         msg = f"a `{type(bound).__name__}` is not callable and has no `step`"
@@ -87,7 +87,7 @@ def step_function(bound: object) -> Step:
 
 
 def reset_extern(name: str, bound: object, seed: int) -> None:
-    """Calls a bound object's `reset`, if it has one; ExternResetError if that raises."""
+    """Calls the `reset` of a bound object if it exists; raises ExternResetError if that fails."""
     start = getattr(bound, "reset", None)
     if callable(start):
         try:
@@ -99,7 +99,7 @@ def reset_extern(name: str, bound: object, seed: int) -> None:
 
 
 def extern_node(topics: Sequence[Topic], component: Component, step: Step) -> Executed:
-    """Gives an extern node's step: it gets inputs by short name, and its answer is published."""
+    """Gives the function that runs one step of an extern node and publishes its answer."""
     assert component.node is not None
     scope = component.scope.topics
     reads = []
@@ -121,7 +121,7 @@ def extern_node(topics: Sequence[Topic], component: Component, step: Step) -> Ex
 
 
 def extern_plant(component: Component, step: Step) -> Move:
-    """Gives an extern plant's motion: it also gets `inputs.state`; omitted states stay."""
+    """Gives an extern plant's motion, which also gets `inputs.state`; missing states stay."""
     assert component.plant is not None
     scope = component.scope.topics
     reads = [_short_topic(topic, scope) for topic in component.plant.reads]
@@ -140,12 +140,12 @@ def extern_plant(component: Component, step: Step) -> Move:
 
 
 def convert_answer(shapes: Sequence[tuple[str, Type]], answer: object) -> Sequence[Value | None]:
-    """Gives the values of an answer, in the order of `shapes`, its (name, type) pairs."""
+    """Gives the values of an answer in the order of `shapes`, pairs of name and type."""
     return answer if isinstance(answer, Converted) else outputs_from_python(shapes, answer)
 
 
 def _short_topic(topic: TopicSymbol, scope: dict[TopicSymbol, int]) -> tuple[str, Type, int]:
-    """Gives a topic's name in its declaration, whatever it is wired to, its type and its index."""
+    """Gives a topic's name as declared, its type, and the index of the topic wired to it."""
     return topic.name.rpartition(".")[2], topic.type, scope[topic]
 
 

@@ -35,7 +35,7 @@ ORDERS = 64
 
 
 def group_by_component(system: System, *, changes_releases: bool) -> dict[int, tuple[Fault, ...]]:
-    """Gives component -> its faults that change releases, or those that do not."""
+    """Maps each component to its faults that change releases, or else to its other faults."""
     faults_by_component: dict[int, tuple[Fault, ...]] = {}
     for f in system.faults:
         if f.changes_releases == changes_releases:
@@ -47,7 +47,7 @@ def group_by_component(system: System, *, changes_releases: bool) -> dict[int, t
 
 
 def fault_slot(fault: Fault, seed: int, t: int, period_ns: int) -> int:
-    """Gives the number of the fault's slot that t lies in; a draw a slot says if it is faulty."""
+    """Gives the number of the slot of a fault in which the time t lies."""
     if fault.slot_ns == 0:
         return t // period_ns
     return (t + _slot_offset(fault, seed)) // fault.slot_ns
@@ -62,7 +62,7 @@ def _is_slot_faulty(fault: Fault, seed: int, slot: int) -> bool:
 
 
 def is_active(fault: Fault, seed: int, t: int, period_ns: int) -> bool:
-    """Whether a fault is active at t; if slots are `apart`, the one before is not faulty."""
+    """Whether a fault is active at t; with `apart`, not directly after another faulty slot."""
     slot = fault_slot(fault, seed, t, period_ns)
     if not _is_slot_faulty(fault, seed, slot):
         return False
@@ -80,7 +80,7 @@ def _end_of_hold(fault: Fault, seed: int, t: int, period_ns: int) -> int:
 
 
 def _lateness_ns(fault: Fault, seed: int, stream: str, release: int) -> int:
-    """Gives how many ns late a release is: uniform in one of the intervals between quantiles."""
+    """Gives how many ns late a release is, drawn uniformly between two quantiles of the fault."""
     times = [int(x) for x in fault.amount]
     stretches = len(times) - 1
     place = draw_bits(seed, stream, release) % (stretches << FINE)
@@ -91,7 +91,7 @@ def _lateness_ns(fault: Fault, seed: int, stream: str, release: int) -> int:
 def actual_release_ns(
     system: System, faults: Sequence[Fault], c: Component, seed: int, release: int
 ) -> int | None:
-    """Gives the time at which a release happens; None if it is lost."""
+    """Gives the time at which a release really happens; None if the release is lost."""
     nominal = c.phase_ns + release * c.period_ns
     t = nominal
     for f in faults if release % ON_TIME != ON_TIME - 1 else ():
@@ -99,7 +99,7 @@ def actual_release_ns(
             if is_active(f, seed, nominal, c.period_ns):
                 return None
         elif f.on is not None:
-            t = max(t, _awaited_release(system, f.on, seed, nominal) or t)
+            t = max(t, _awaited_release_ns(system, f.on, seed, nominal) or t)
         elif f.slot_ns:
             t = _end_of_hold(f, seed, t, c.period_ns)
         else:
@@ -107,7 +107,7 @@ def actual_release_ns(
     return t if t == nominal or t < nominal + c.period_ns else None
 
 
-def _awaited_release(system: System, on: int, seed: int, nominal: int) -> int | None:
+def _awaited_release_ns(system: System, on: int, seed: int, nominal: int) -> int | None:
     """Gives the time of the last release of component `on` due by `nominal`, or None."""
     other = system.components[on]
     since = nominal - other.phase_ns
@@ -124,7 +124,7 @@ def is_released(system: System, faults: Sequence[Fault], c: Component, seed: int
 
 
 def next_release(system: System, faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
-    """Gives the first release that happens after ct."""
+    """Gives the time of the first release after ct."""
     release = max((ct - c.phase_ns) // c.period_ns, 0)
     while True:
         t = actual_release_ns(system, faults, c, seed, release)
@@ -134,13 +134,13 @@ def next_release(system: System, faults: Sequence[Fault], c: Component, seed: in
 
 
 def overrun_ns(faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
-    """Gives how many ns longer a step lasts that begins at ct, by `overrun` faults."""
+    """Gives how many ns longer a step that begins at ct lasts, because of `overrun` faults."""
     active = [f for f in faults if f.kind == "overrun" and is_active(f, seed, ct, c.period_ns)]
     return sum(int(f.amount[0]) for f in active)
 
 
 def begin_times(fault: Fault, c: Component, seed: int, until_ns: int) -> list[int]:
-    """Gives the times up to `until_ns` at which a fault began; [] for `late` in all releases."""
+    """Gives the times up to `until_ns` at which a fault began; [] if `late` hits all releases."""
     if fault.on is not None or (fault.kind == "late" and fault.slot_ns == 0):
         return []
     step = max(fault.slot_ns, c.period_ns)
@@ -160,7 +160,7 @@ def with_faults(
     before: Configuration,
     out: dict[int, Value],
 ) -> dict[int, Value]:
-    """Gives topic -> value that a step publishes under these faults; `before`: the state."""
+    """Gives the topic values that a step publishes under these faults, in the state `before`."""
     value_by_topic, ct, now = dict(out), before.ct, before.Topics
     for f in faults:
         if f.topic not in value_by_topic or f.topic is None:
@@ -196,7 +196,7 @@ def with_faults(
 def _faulty_leaf(
     f: Fault, seed: int, at: tuple[int, int, int], old: Value, bound: Bound | None
 ) -> Value:
-    """Gives the value of a leaf under a fault; `at`: the slot, ct and the leaf's number."""
+    """Gives the faulty value of a leaf; `at` holds the slot, ct and the number of the leaf."""
     if f.kind == "nan":
         return with_stored_nan(math.nan)
     slot, ct, leaf = at
@@ -212,7 +212,7 @@ def _faulty_leaf(
 
 
 def disturbance_factor(faults: Sequence[Fault], c: Component, d: int, seed: int, ct: int) -> float:
-    """Gives the factor by which disturbance number `d` of a plant is scaled at ct."""
+    """Gives the factor that scales disturbance number `d` of a plant at ct."""
     scale = 1.0
     for f in faults:
         if f.disturbance == d and is_active(f, seed, ct, c.period_ns):
@@ -227,5 +227,5 @@ def _value_at(value: Value, path: Sequence[int]) -> Value:
 
 
 def random_next_index(seed: int, ct: int, waiting: int) -> int:
-    """Gives the index, among `waiting` nodes at ct, of the one that steps next."""
+    """Gives the index of the node that steps next, drawn among `waiting` nodes at ct."""
     return draw_bits(seed, "fault.order", ct * ORDERS + waiting % ORDERS) % waiting

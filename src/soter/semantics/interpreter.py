@@ -73,10 +73,10 @@ if TYPE_CHECKING:
 def plant_step(
     machine: ExecutableSystem, c: Configuration, n: int
 ) -> tuple[Configuration, StepOutcome]:
-    """Makes the step of plant `n` at ct: it moves over the period that ends now, and publishes.
+    """Steps plant `n` at ct: it moves over the period that ends now, and then publishes.
 
-    At its first release it only publishes. A step fault latches it: a stopped world is no
-    environment to be safe in, so the run counts as violated.
+    At its first release it only publishes. A step fault latches the plant. The run then counts as
+    violated, because a world that has stopped is no environment to be safe in.
     """
     c = replace(c, FN=tuple(i for i in c.FN if i != n))
     if c.latched[n]:
@@ -106,7 +106,7 @@ def plant_step(
 
 
 def _disturbances(component: Component, draws: Draws, ct: int | None) -> dict[Variable, Value]:
-    """Gives the disturbances of the period that ends at `ct`; at the first release `ct` is None."""
+    """Draws the disturbances of the period that ends at `ct` (None at the first release)."""
     drawn = {}
     for d in component.disturbances:
         hold = d.hold_ns or component.period_ns
@@ -118,7 +118,7 @@ def _disturbances(component: Component, draws: Draws, ct: int | None) -> dict[Va
 def _scaled_disturbances(
     machine: ExecutableSystem, component: Component, drawn: dict[Variable, Value], ct: int
 ) -> dict[Variable, Value]:
-    """Gives the drawn disturbances times the factors of the plant's faults at ct."""
+    """Gives the drawn disturbances, scaled by the plant's faults that are active at ct."""
     value_by_variable = dict(drawn)
     for i, d in enumerate(component.disturbances):
         by = disturbance_factor(machine.faults[component.index], component, i, machine.seed, ct)
@@ -140,12 +140,12 @@ def _draw_disturbance(d: Disturbance, draws: Draws, index: int) -> Value:
 
 
 def _next_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> tuple[Value, ...]:
-    """Gives the states one period later: `next` from the old states, `der` integrated."""
+    """Gives the states one period later: `next` is evaluated on the old ones, `der` integrated."""
     if code.move is not None:
         return code.move(env, states)
     new = dict(zip(code.states, states, strict=True))
     if code.next:
-        _show_states(code, env, states)
+        _set_states_and_lets(code, env, states)
         new.update({variable: value(env) for variable, value in code.next})
     if code.der:
         new.update(_integrated_states(code, env, states))
@@ -155,7 +155,7 @@ def _next_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) -
 def _integrated_states(
     code: PlantCode, env: Environment, states: tuple[Value, ...]
 ) -> dict[Variable, Value]:
-    """Gives the `der` states after a period of `substeps` equal steps; others are constant."""
+    """Gives the `der` states one period later, after `substeps` equal integration steps."""
     variables = [variable for variable, _ in code.der]
 
     def derivatives(x: list[Value]) -> list[Value]:
@@ -203,8 +203,8 @@ def _moved_along(x: list[Value], factor: float, k: list[Value], arithmetic: Step
 def _driven_values(
     code: PlantCode, env: Environment, states: tuple[Value, ...], draws: Draws, ct: int
 ) -> dict[int, Value]:
-    """Gives topic -> value that the plant publishes: `drives` on these states, plus errors."""
-    _show_states(code, env, states)
+    """Gives the topic values that the plant publishes: `drives` of these states, plus errors."""
+    _set_states_and_lets(code, env, states)
     out = {topic: value(env) for topic, value in code.drives}
     for r in code.readings:
         error = draws.uniform(r.stream, ct // code.component.period_ns, -r.bound, r.bound)
@@ -215,8 +215,8 @@ def _driven_values(
     return out
 
 
-def _show_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> None:
-    """Makes these states, and the lets computed from them, readable for expressions."""
+def _set_states_and_lets(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> None:
+    """Makes these states, and the lets that depend on them, readable for expressions."""
     _set_states(code, env, states)
     _evaluate_lets(code, env)
 
@@ -226,14 +226,14 @@ def _set_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) ->
 
 
 def _evaluate_lets(code: PlantCode, env: Environment) -> None:
-    """Evaluates all lets except those that chose at the beginning of the step."""
+    """Evaluates all lets except those that made a choice at the beginning of the step."""
     for variable, value in code.lets:
         if variable not in code.chosen:
             env.variables[variable] = value(env)
 
 
 def _evaluate_choosing_lets(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> None:
-    """Evaluates the lets that choose: once in a step, on the states that it begins with."""
+    """Evaluates the lets that make a choice, once in a step, on the states at its beginning."""
     if not code.first:
         return
     _set_states(code, env, states)
@@ -250,12 +250,12 @@ def why_refused(
     *,
     within: bool = False,
 ) -> FaultKind | None:
-    """Gives why `topic` refuses `value`, measured at `time_ns`; None if it takes it.
+    """Gives the reason why `topic` refuses `value`, measured at `time_ns`; None if it accepts it.
 
-    EXTERN: the topic is not the environment's, the value is not of its type, or the time is before
-    the topic's stamp or after the next instant (while one waits: after ct). NONFINITE, RANGE: the
-    value is not in the topic's set (`rounded_to_ends`). `within`: time has moved to an instant that
-    is not over, though FN may be empty: nobody is released when only an input is drawn.
+    EXTERN: the topic is no input, the value is not of its type, or the time is before the topic's
+    stamp or after the next instant (during an instant: after ct). NONFINITE, RANGE: the value is
+    not in the topic's set (`rounded_to_ends`). `within`: an instant has begun and is not over, even
+    if FN is empty, as it is when only an input is drawn.
     """
     topics = machine.system.topics
     if topic not in environment_topics(machine.system):
@@ -271,17 +271,17 @@ def why_refused(
 
 
 def first_in_deployed_order(c: Configuration) -> int:
-    """Gives the next node in deployed order: plants, DMs, SCs, others, each as declared."""
+    """Gives the next node of FN in deployed order: plants, DMs, SCs, others, each as declared."""
     return c.FN[0]
 
 
 class Interpreter:
-    """Runs of one system under one seed.
+    """Runs one system under one seed.
 
     `externs` maps the names of extern nodes, plants and functions to callables of one argument
-    (functions: of their own arguments), or to objects with a method `step` and perhaps
-    `reset(seed)`; see `language/model/values.py` for what they get and may give. Raises
-    `UnboundExternError` where one is missing. `draws` chooses what is left to the environment.
+    (functions: of their declared arguments), or to objects with a method `step` and perhaps
+    `reset(seed)`; `language/model/values.py` describes arguments and answers. Raises
+    `UnboundExternError` if an extern is missing. `draws` makes the choices of the environment.
     """
 
     def __init__(
@@ -298,7 +298,7 @@ class Interpreter:
     # ------------------------------------------------------------ the start
 
     def initial(self) -> Configuration:
-        """Gives (L0, OE0, ct0, FN0, Topics0) after a reset of externs (`ExternResetError`)."""
+        """Resets the externs and gives (L0, OE0, ct0, FN0, Topics0); may raise ExternResetError."""
         for name, bound in self._externs.items():
             reset_extern(name, bound, self.machine.seed)
         components, modules = self.system.components, self.system.modules
@@ -354,7 +354,7 @@ class Interpreter:
         return c.FN
 
     def fire(self, c: Configuration, n: int) -> tuple[Configuration, DecisionVerdict | StepOutcome]:
-        """Gives configuration and report after the step of component `n`, by its role's rule."""
+        """Fires component `n` by the rule for its role; gives the configuration and a report."""
         role = self.system.components[n].role
         if role == "plant":
             return plant_step(self.machine, c, n)
@@ -363,7 +363,7 @@ class Interpreter:
         return ac_or_sc_step(self.machine, c, n)
 
     def next_node(self, c: Configuration) -> int:
-        """Gives the next node in deployed order; in a shuffled system a random one after plants."""
+        """Gives the next node in deployed order; if shuffled, a random one after the plants."""
         first = first_in_deployed_order(c)
         if not self.system.shuffled or self.system.components[first].role == "plant":
             return first
@@ -378,9 +378,9 @@ class Interpreter:
     ) -> tuple[Configuration, FaultKind | None]:
         """Publishes a value from outside, measured at `time_ns`, as `soter_publish` does in C.
 
-        The topic gets it with this stamp; if it is refused nothing changes, and the kind says why
-        (`why_refused`). `within`: the driver has moved time and not ended the instant, which C
-        knows by itself, but a configuration with FN empty does not show.
+        The topic gets the value with this stamp. If the value is refused, nothing changes and the
+        result has the reason (`why_refused`). `within`: an instant has begun and is not over, which
+        an empty FN does not show.
         """
         refused = why_refused(self.machine, c, topic, value, time_ns, within=within)
         if refused is not None:
@@ -389,7 +389,7 @@ class Interpreter:
         return environment_input(self.machine, c, topic, taken, time_ns), None
 
     def due_inputs(self, c: Configuration) -> Iterable[tuple[int, Value]]:
-        """Yields (topic, value) of each `input t every d` that is due at ct, as drawn."""
+        """Yields (topic, value) for each `input t every d` that is due at ct, with drawn values."""
         for drive in self.system.inputs:
             if c.ct % drive.every_ns == 0:
                 yield drive.topic, self.drawn_input(drive, c.ct)
@@ -409,10 +409,10 @@ class Interpreter:
         choose_input: ChooseInput | None = None,
         record: Record | None = None,
     ) -> Configuration:
-        """Gives the configuration after an instant: time progresses, inputs change, FN fires.
+        """Runs one instant: time progresses, inputs change, FN fires; gives the new configuration.
 
-        `choose_node` gets a configuration and picks from its FN; `choose_input` gives the inputs,
-        (topic index, value), of the instant that begins. A `record` is added to.
+        `choose_node` picks the next node from the FN of a configuration; `choose_input` gives the
+        inputs of the new instant as (topic index, value). The events are added to `record`.
         """
         choose = choose_node or self.next_node
         c = discrete_time_progress_step(self.machine, c)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def violated_properties(machine: ExecutableSystem, c: Configuration) -> list[bool]:
-    """Gives for each property whether it is violated now; a fault counts, contracts do not."""
+    """Gives for each property if it is violated now, also by a fault; False for contracts."""
     env = machine.environment(c)
     return [
         p.component is None and _is_violated(machine, p.index, env)
@@ -30,7 +30,7 @@ def violated_properties(machine: ExecutableSystem, c: Configuration) -> list[boo
 def violated_contracts(
     machine: ExecutableSystem, c: Configuration, component: Component, kind: str
 ) -> dict[int, bool]:
-    """Gives, for a node's contracts of a kind, property index -> whether it is violated."""
+    """Maps each contract of a kind (by property index) to whether the node violates it now."""
     indices = [i for k, i in machine.contracts.get(component.index, ()) if k == kind]
     if not indices:
         return {}
@@ -41,7 +41,7 @@ def violated_contracts(
 def judging_fault(
     machine: ExecutableSystem, c: Configuration, index: int, component: Component | None = None
 ) -> StepFault | None:
-    """Gives the fault of judging a property, or the contract of a node; None if there is none."""
+    """Gives the fault that judging a property or a node's contract raises; None without fault."""
     condition, _ = machine.properties[index]
     try:
         condition(machine.environment(c, component))

@@ -23,10 +23,10 @@ OPEN, CLOSED = 0, 1
 def read_latch(
     system: System, c: Configuration, module: Module, mode: int
 ) -> tuple[Configuration, bool]:
-    """Gives the configuration after a DM has read its latch, and whether AC may have control.
+    """Gives the configuration after a DM reads its latch, and whether AC may have control.
 
     An acknowledgement is a press of a button after a release, both published after the takeover. A
-    press older than the `max_age` of its topic when the DM reads it does not count, now or later.
+    press counts only if it is not older than the `max_age` of its topic when the DM reads it.
     """
     if module.latch is None or mode != SC:
         return c, True
@@ -48,7 +48,7 @@ def read_latch(
 
 
 def with_latch_after_change(c: Configuration, module: Module, after: int) -> Configuration:
-    """Gives the configuration after a change of mode, with its latch set anew."""
+    """Gives the configuration after a change of mode, which sets the module's latch anew."""
     if module.latch is None:
         return c
     if module.acknowledgement is None:
@@ -57,7 +57,7 @@ def with_latch_after_change(c: Configuration, module: Module, after: int) -> Con
 
 
 def with_plan(c: Configuration, module: Module, after: int, plan: int | None) -> Configuration:
-    """Gives the configuration with the good plan stored, if the mode is AC: SC will follow it."""
+    """Gives the configuration with the good plan stored for SC to follow, if the mode is AC."""
     if after != AC or plan is None or module.plan is None or module.forced is not None:
         return c
     return replace(c, Topics=with_value(c.Topics, module.plan, plan))

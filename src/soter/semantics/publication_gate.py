@@ -30,14 +30,14 @@ if TYPE_CHECKING:
 
 
 def check_of_topic(topic: Topic) -> Check:
-    """Gives a check `(value, span)`: StepFault unless the value is in the topic's set."""
+    """Gives a check `(value, span)` that raises StepFault for a value outside the topic's set."""
     bounds = iter(topic.bounds)
     names = iter([".".join((topic.name, *path)) for path, _ in leaves(topic.type)])
     return _check_of_type(topic.type, bounds, names)
 
 
 def _check_of_type(t: Type, bounds: Iterator[Bound | None], names: Iterator[str]) -> Check:
-    """Gives the check of one type; it takes a bound and a name for each leaf of the type."""
+    """Gives the check of a type, which takes a bound and a name for each leaf of the type."""
     if isinstance(t, RecordType):
         return _check_of_parts([_check_of_type(f, bounds, names) for _, f in t.fields])
     if isinstance(t, ArrayType):
@@ -81,10 +81,10 @@ def check_publications(
     span: Span,
     bursts: Collection[int] = (),
 ) -> None:
-    """Raises a step fault for publications outside of their topics' sets.
+    """Raises a step fault for a publication outside the set of its topic.
 
-    It checks `outputs` in order (a node's `publishes`, a plant's `drives`), messages of `bursts` in
-    theirs, and leaves in declared order.
+    It checks `outputs` in order (a node's `publishes`, a plant's `drives`), the messages of a burst
+    in order, and leaves in declared order.
     """
     for topic in outputs:
         if topic in published:
@@ -93,19 +93,19 @@ def check_publications(
 
 
 def messages_of(topic: int, published: Value, bursts: Collection[int]) -> tuple[Value, ...]:
-    """Gives the messages that a step published on a topic, in order: one, or those of a burst."""
+    """Gives the messages that a step published on a topic, in order: one, or all of a burst."""
     return published if topic in bursts else (published,)
 
 
 def with_rounded_ends(topic: Topic, value: Value) -> Value:
-    """Gives a value from outside, where a number between an end and its float32 is the end."""
+    """Gives an outside value with each number between an end and its float32 set to the end."""
     if all(b is None or b.float32_ends == (b.low, b.high) for b in topic.bounds):
         return value
     return _map_leaves(_round_to_end, topic.type, iter(topic.bounds), value)
 
 
 def clip_to_set(t: Type, bounds: Sequence[Bound | None], value: Value) -> Value:
-    """Gives a value with its numbers limited to a topic's set; NaN and infinity stay."""
+    """Gives a value whose numbers are limited to a topic's set; NaN and infinities stay."""
     return _map_leaves(_clip_leaf, t, iter(bounds), value)
 
 
@@ -115,7 +115,7 @@ def _map_leaves(
     bounds: Iterator[Bound | None],
     value: Value,
 ) -> Value:
-    """Gives a value with `leaf` applied to each leaf; it takes a bound for each leaf of `t`."""
+    """Gives a value with `leaf` applied to each of its leaves, each with its bound."""
     if isinstance(t, RecordType):
         fields = zip(t.fields, value, strict=True)
         return tuple([_map_leaves(leaf, f, bounds, part) for (_, f), part in fields])
@@ -156,8 +156,8 @@ def publish(
 ) -> Configuration:
     """Gives the configuration with `published` on its topics, stamped `time_ns` (None: ct).
 
-    Topics' = out united with Topics[T without dom(out)]. Each value also goes into the queues of
-    its topic; of `bursts` every message does, and the topic holds the last one.
+    Topics' = out united with Topics[T without dom(out)]. Each value also enters the queues of its
+    topic. Every message of a burst enters them, and the topic holds the last message.
     """
     if not published:
         return c
@@ -172,7 +172,7 @@ def publish(
 
 
 def _push_to_queue(queue: Topic, values: list[Value], stamps: list[int], value: Value) -> None:
-    """Puts a value at the end of a queue; if it is full, its policy says what happens."""
+    """Puts a value at the end of a queue; the queue's policy applies if it is full."""
     assert isinstance(queue.type, ListType), queue.name
     waiting = values[queue.index]
     if len(waiting) < queue.type.capacity:
@@ -184,13 +184,13 @@ def _push_to_queue(queue: Topic, values: list[Value], stamps: list[int], value: 
 
 
 def require_nothing_lost(c: Configuration, queues: Iterable[int], span: Span) -> None:
-    """Raises StepFault if one of the queues lost a value and its policy is `fault`."""
+    """Raises StepFault if a queue with the policy `fault` lost a value."""
     if any(c.stamps[q] == LOST for q in queues):
         raise StepFault(FaultKind.CAPACITY, span, "a queue was full")
 
 
 def clear_lost_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
-    """Gives the configuration in which the queues that lost a value are empty."""
+    """Gives the configuration after emptying the queues that lost a value."""
     for q in queues:
         if c.stamps[q] == LOST:
             c = replace(empty_queues(c, (q,)), stamps=with_value(c.stamps, q, NEVER))
@@ -198,7 +198,7 @@ def clear_lost_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
 
 
 def empty_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
-    """Gives the configuration in which the queues are empty, after a complete step."""
+    """Gives the configuration after emptying these queues, as at the end of a complete step."""
     for q in queues:
         if c.Topics[q]:
             c = replace(c, Topics=with_value(c.Topics, q, ()))
@@ -206,7 +206,7 @@ def empty_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
 
 
 def note_ac_fault(c: Configuration, module: Module) -> Configuration:
-    """Notes a step fault of AC: for its DM, if AC was in control; clean steps count anew."""
+    """Notes a step fault of AC; its DM sees it if AC had control, and clean steps count anew."""
     gate_fault = c.gate_fault
     if c.OE[module.ac]:
         gate_fault = with_value(gate_fault, module.index, True)
@@ -215,14 +215,14 @@ def note_ac_fault(c: Configuration, module: Module) -> Configuration:
 
 
 def latch_component(c: Configuration, n: int) -> Configuration:
-    """Latches component `n`, which is trusted, after its step fault: it never runs again."""
+    """Latches the trusted component `n` after its step fault; it never runs again."""
     return replace(c, latched=with_value(c.latched, n, True))
 
 
 def count_clean_step(
     c: Configuration, module: Module, outputs: Iterable[int], published: Iterable[int]
 ) -> Configuration:
-    """Counts a step of the module's AC as clean if it published all of its outputs."""
+    """Counts a step of the module's AC as clean if the step published all outputs of AC."""
     owed = c.clean_needed[module.index]
     if owed == 0 or not set(outputs) <= set(published):
         return c

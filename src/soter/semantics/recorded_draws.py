@@ -25,25 +25,25 @@ Choices = dict[str, list[tuple[int, "Value"]]]
 
 @dataclass(frozen=True)
 class Recorder:
-    """Writes down what other draws choose, in the order of a run: indices never fall."""
+    """Records the choices of other draws in the order of a run, so indices never fall."""
 
     draws: Draws
     choices: Choices = field(default_factory=dict)
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
-        """Gives the float that `draws` chooses, and writes it down."""
+        """Gives the float that `draws` chooses, and records it."""
         value = self.draws.uniform(stream, index, low, high)
         self._note_choice(stream, index, value)
         return value
 
     def leaf_value(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
-        """Gives the value that `draws` chooses, and writes it down."""
+        """Gives the value that `draws` chooses, and records it."""
         value = self.draws.leaf_value(t, bound, stream, index)
         self._note_choice(stream, index, value)
         return value
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """Gives the alternative that `draws` chooses, and writes it down."""
+        """Gives the alternative that `draws` chooses, and records it."""
         pick = self.draws.choice(stream, index, count)
         self._note_choice(stream, index, pick)
         return pick
@@ -55,12 +55,12 @@ class Recorder:
 
 
 class ChoiceError(Exception):
-    """A written choice that is missing, or that the program does not allow."""
+    """Raised if a recorded choice is missing, or if the program does not allow it."""
 
 
 @dataclass(frozen=True)
 class RecordedDraws:
-    """Choices that were written down. A choice outside its declared set is a `ChoiceError`."""
+    """Replays recorded choices; raises ChoiceError for a choice outside its declared set."""
 
     choices: Mapping[str, list[tuple[int, Value]]]
 
@@ -72,14 +72,14 @@ class RecordedDraws:
         return noted[at][1]
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
-        """Gives the float that was written down."""
+        """Gives the recorded float."""
         value = self._draw_at(stream, index)
         if isinstance(value, bool) or not isinstance(value, float) or not low <= value <= high:
             raise ChoiceError(f"`{stream}` at {index}: {value} is not in [{low}, {high}]")
         return value
 
     def leaf_value(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
-        """Gives the value that was written down."""
+        """Gives the recorded value."""
         value = self._draw_at(stream, index)
         if isinstance(t, FloatType):
             assert bound is not None, f"{stream} is not bounded"
@@ -98,7 +98,7 @@ class RecordedDraws:
         return value
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """Gives the alternative that was written down."""
+        """Gives the recorded alternative."""
         value = self._draw_at(stream, index)
         if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < count:
             raise ChoiceError(f"`{stream}` at {index}: {value} is none of {count} alternatives")

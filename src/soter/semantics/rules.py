@@ -53,17 +53,17 @@ def environment_input(
     value: Value,
     time_ns: int | None = None,
 ) -> Configuration:
-    """ENVIRONMENT-INPUT: an input topic takes a value of its set, at any time; None is ct.
+    """ENVIRONMENT-INPUT: an input topic takes a value of its set at `time_ns` (None: at ct).
 
-    (L, OE, ct, FN, Topics) -> (L, OE, ct, FN, Topics[e -> v])
+    (L, OE, ct, FN, Topics) -> (L, OE, ct, FN, Topics[e -> v]).
     """
     return publish(machine.system.topics, c, {topic: value}, time_ns)
 
 
 def discrete_time_progress_step(machine: ExecutableSystem, c: Configuration) -> Configuration:
-    """DISCRETE-TIME-PROGRESS-STEP: nothing left to fire, so time moves to the next release.
+    """DISCRETE-TIME-PROGRESS-STEP: once nothing is left to fire, time moves to the next release.
 
-    (L, OE, ct, FN, Topics) -> (L, OE, ct', FN', Topics)
+    (L, OE, ct, FN, Topics) -> (L, OE, ct', FN', Topics).
     """
     assert not c.FN, "dt1: FN is empty"
     ct = next_instant(machine, c)  # dt2: the earliest (x, t) of the calendar with t > ct
@@ -98,7 +98,7 @@ def dm_step(
         c = with_latch_after_change(c, module, after)
     c = with_plan(c, module, after, plan)
     if module.looked is not None:  # what `margin` counts from
-        looks = module.looks_left(unsafe=unsafe, safer=safer)
+        looks = module.periods_left(unsafe=unsafe, safer=safer)
         c = publish(machine.system.topics, c, {module.looked: looks})
     c = replace(
         c,
@@ -139,7 +139,7 @@ def ac_or_sc_step(
 def _node_step(
     machine: ExecutableSystem, c: Configuration, component: Component
 ) -> tuple[Configuration, StepOutcome]:
-    """Gives configuration and report after a node's step; if it takes time, outputs are held."""
+    """Steps a node; gives configuration and report. If the step takes time, outputs are held."""
     n = component.index
     oe, code = c.OE[n], machine.nodes[n]
     if c.latched[n]:
@@ -153,7 +153,7 @@ def _node_step(
         commands = apply_shield(machine, c, component, out)
         out = commands.published
     except StepFault as fault:
-        c, outcome = _after_fault(machine, c, component, fault)
+        c, outcome = _outcome_after_fault(machine, c, component, fault)
         return c, replace(outcome, contract_violations=assumed)
     c = replace(c, L=with_value(c.L, n, kept), had_control=with_value(c.had_control, n, oe))
     c = empty_queues(c, code.queues)
@@ -179,7 +179,7 @@ def _node_step(
 
 
 def next_instant(machine: ExecutableSystem, c: Configuration) -> int:
-    """Gives the earliest time after ct of a release, an input, or the end of a step."""
+    """Gives the earliest time after ct at which a release, an input or a step's end is due."""
     system, ct = machine.system, c.ct
     times = [_next_release(machine, ct, n) for n in system.components]
     times += [_next_multiple(ct, 0, i.every_ns) for i in system.inputs]
@@ -188,7 +188,7 @@ def next_instant(machine: ExecutableSystem, c: Configuration) -> int:
 
 
 def _next_release(machine: ExecutableSystem, ct: int, n: Component) -> int:
-    """Gives the first release of a component after `ct`, as the faults of the system move it."""
+    """Gives the first release of a component after `ct`, with the system's faults applied."""
     late = machine.timing.get(n.index)
     if late is None:
         return _next_multiple(ct, n.phase_ns, n.period_ns)
@@ -196,7 +196,7 @@ def _next_release(machine: ExecutableSystem, ct: int, n: Component) -> int:
 
 
 def _is_due(machine: ExecutableSystem, c: Configuration, n: Component, ct: int) -> bool:
-    """Whether a component fires at `ct`: its step ends, or it is released and no step lasts."""
+    """Whether a component fires at `ct`: a step ends, or it is released while no step runs."""
     ends = NEVER if n.held is None else c.stamps[n.held]
     return ends == ct or (ends == NEVER and _is_released(machine, n, ct))
 
@@ -207,7 +207,7 @@ def _next_multiple(ct: int, phase: int, period: int) -> int:
 
 
 def _is_released(machine: ExecutableSystem, n: Component, ct: int) -> bool:
-    """Whether a release of the component happens at `ct`, as the faults of the system move it."""
+    """Whether the component is released at `ct`, with the system's faults applied."""
     late = machine.timing.get(n.index)
     if late is not None:
         return is_released(machine.system, late, n, machine.seed, ct)
@@ -237,7 +237,7 @@ def is_stale(machine: ExecutableSystem, c: Configuration, module: Module) -> boo
 
 
 def draw_end(machine: ExecutableSystem, c: Configuration, component: Component) -> Configuration:
-    """Draws when a step that began now ends, and keeps that as its held topic's stamp."""
+    """Draws when the step that begins now ends; the held topic's stamp stores that time."""
     assert component.held is not None
     low, high = component.takes_ns or (0, 0)
     faults = machine.faults.get(component.index, ())
@@ -250,7 +250,7 @@ def draw_end(machine: ExecutableSystem, c: Configuration, component: Component) 
 def hold_outputs(
     machine: ExecutableSystem, c: Configuration, component: Component, out: dict[int, Value]
 ) -> Configuration:
-    """Keeps a step's publications in its held topic until they take effect."""
+    """Stores the publications of a step in its held topic until they take effect."""
     assert component.held is not None
     value: list[Value] = list(machine.system.topics[component.held].default)
     for k, topic in enumerate(machine.nodes[component.index].outputs):
@@ -262,7 +262,7 @@ def hold_outputs(
 def publish_held(
     machine: ExecutableSystem, c: Configuration, component: Component
 ) -> tuple[Configuration, dict[int, Value]]:
-    """Publishes held outputs if they are enabled; also gives topic -> what was published."""
+    """Publishes held outputs if they are enabled; also gives the published values by topic."""
     assert component.held is not None
     value = c.Topics[component.held]
     outputs = machine.nodes[component.index].outputs
@@ -304,10 +304,10 @@ def _run_step(
     return code.store(tuple([env.variables[v] for v in code.locals])), env.published
 
 
-def _after_fault(
+def _outcome_after_fault(
     machine: ExecutableSystem, c: Configuration, component: Component, fault: StepFault
 ) -> tuple[Configuration, StepOutcome]:
-    """Gives configuration and report after a step fault: AC is gated, a trusted node latched."""
+    """Handles a step fault: gates AC, or latches a trusted node; also gives a report."""
     n = component.index
     if fault.kind is FaultKind.CAPACITY:
         c = clear_lost_queues(c, machine.nodes[n].queues)

@@ -21,7 +21,7 @@ NAN_LOOKS_MAX = 2**16 - 1
 
 @dataclass(slots=True)
 class ModuleRecord:
-    """The record of a module: what its last DM step read, and sums over the run."""
+    """The record of a module: the values that its last DM step read, and sums over the run."""
 
     mode: int
     ttf: bool = False
@@ -41,7 +41,7 @@ class ModuleRecord:
 
 @dataclass(slots=True)
 class ComponentRecord:
-    """The step faults of a component; `last_fault` is a `FaultKind` code, 0 for none."""
+    """The step faults of a component; `last_fault` is a `FaultKind` code, 0 if it had no fault."""
 
     faults: int = 0
     last_fault: int = 0
@@ -50,9 +50,9 @@ class ComponentRecord:
 
 @dataclass(slots=True)
 class PropertyRecord:
-    """One property: `active` while violated; how often that began; when it first did.
+    """The record of a property: whether it is violated, how often that began, and when first.
 
-    A contract is judged when its node steps, everything else at the end of instants.
+    A contract is judged when its node steps, every other property at the end of each instant.
     """
 
     active: bool = False
@@ -71,7 +71,7 @@ class PropertyRecord:
 
 @dataclass(slots=True)
 class Record:
-    """The sums over a run, by module, component and property index."""
+    """The records of a run, by the index of each module, component and property."""
 
     modules: list[ModuleRecord]
     components: list[ComponentRecord]
@@ -79,23 +79,23 @@ class Record:
 
     @property
     def violations(self) -> int:
-        """Gives how often a violation of a property began, plus the latched components."""
+        """Gives how often a violation began, plus the number of latched components."""
         latched = sum(c.latched_ns != NEVER for c in self.components)
         return sum(p.count for p in self.properties) + latched
 
     def copy(self) -> Record:
-        """Gives a copy with which a run can be forked."""
+        """Gives a copy, with which a caller can fork a run."""
         return copy.deepcopy(self)
 
     def note_event(self, event: DecisionVerdict | StepOutcome, ct: int) -> None:
-        """Adds the report of a transition at `ct`."""
+        """Adds the report of a transition at `ct` to the sums."""
         if isinstance(event, DecisionVerdict):
             self._note_verdict(event, ct)
         else:
             self._note_outcome(event, ct)
 
     def note_properties(self, violated: Sequence[bool], ct: int) -> None:
-        """Adds, at the end of the instant `ct`, which properties are violated."""
+        """Records, at the end of the instant `ct`, which properties are violated."""
         for record, now in zip(self.properties, violated, strict=True):
             if not record.contract:
                 record.note_truth(ct, violated=now)

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Shielded:
-    """A step of AC or SC after its shield.
+    """The topic values after a step of AC or SC has passed its shield.
 
-    Each maps topics to values. `published`: what the step publishes; `held`: the shield's topic,
-    stored together with that; `proposed`: the topic of proposals, which is stored in any case.
+    Each field maps topics to values. `published`: the values that the step publishes. `held`: the
+    shield's topic, stored with them. `proposed`: the topic of proposals, stored in any case.
     """
 
     published: dict[int, Value]
@@ -39,17 +39,17 @@ class Shielded:
 def apply_shield(
     machine: ExecutableSystem, c: Configuration, component: Component, published: dict[int, Value]
 ) -> Shielded:
-    """Gives what a step of AC or SC publishes after its module's shield, if it has one.
+    """Gives what a step of AC or SC publishes after the shield of its module, if it has a shield.
 
-    StepFault if AC publishes a command that is not permitted, in control or not. In a forced
-    module nothing is refused or moved.
+    Raises StepFault if AC, in control or not, publishes a command that is not permitted. In a
+    forced module the shield refuses and moves nothing.
     """
     code = machine.shields.get(component.index)
     if code is None or not published:
         return Shielded(published)
     dm = machine.system.components[_shielding_module(machine, component).dm]
     held = {code.topic: code.held(machine.environment(c, dm))}
-    proposed = _noted_proposals(machine, c, component, code, published)
+    proposed = _updated_proposals(machine, c, component, code, published)
     if component.role != "ac" or _shielding_module(machine, component).forced:
         return Shielded(published, held, proposed)
     found: object = 1.0
@@ -64,14 +64,14 @@ def apply_shield(
     return Shielded(published, held, proposed)
 
 
-def _noted_proposals(
+def _updated_proposals(
     machine: ExecutableSystem,
     c: Configuration,
     component: Component,
     code: ShieldCode,
     published: Mapping[int, Value],
 ) -> dict[int, Value]:
-    """Gives the topic of proposals with this step's numbers put in: first AC's, then SC's."""
+    """Gives the topic of proposals after this step, with AC's numbers before those of SC."""
     if code.proposed is None:
         return {}
     numbers = list(c.Topics[code.proposed])
@@ -90,7 +90,7 @@ def _publications_with_numbers(
     published: Mapping[int, Value],
     numbers: list[Value],
 ) -> dict[int, Value]:
-    """Gives the publications with these numbers put in; `numbers` has those of all outputs."""
+    """Gives the publications with their numbers replaced by `numbers`, which cover all outputs."""
     new, rest = dict(published), iter(numbers)
     for topic in _shielding_module(machine, component).outputs:
         value = value_of_numbers(machine.system.topics[topic].type, rest)

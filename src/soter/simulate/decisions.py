@@ -31,9 +31,9 @@ Mode = Literal["SC", "AC"]
 
 @dataclass(frozen=True)
 class PredicateValues:
-    """The facts of a DM step. `clean_needed`: how many clean outputs AC owes after a gate fault.
+    """The facts that a DM step saw; `clean_needed` is the number of clean outputs that AC owes.
 
-    `latched`: why the module's latch keeps AC from control; "" if it does not.
+    `latched`: the reason why the module's latch keeps AC from control; "" if it does not.
     """
 
     ttf: bool
@@ -44,7 +44,7 @@ class PredicateValues:
     latched: str = ""
 
     def predicates(self) -> dict[str, bool]:
-        """The four predicates by the names that logs and reports use."""
+        """The four predicates, under the names that logs and reports use."""
         return {
             "ttf": self.ttf,
             "safer": self.safer,
@@ -55,7 +55,7 @@ class PredicateValues:
 
 @dataclass(frozen=True)
 class DecisionStepRecord:
-    """A DM step: its time, module, modes before and after, facts, and reason in words."""
+    """The record of a DM step: time, module, modes before and after, facts, reason in words."""
 
     time_ns: int
     module: str
@@ -87,15 +87,15 @@ def change_records(
     """
     explainer = Explainer(system, layout)
     found = [change_record(system, change, explainer) for change in changes]
-    for k, part in _failed_parts(system, changes).items():
+    for k, part in _failed_tube_parts(system, changes).items():
         why = found[k].why
         assert why is not None
         found[k] = replace(found[k], why=replace(why, led=part))
     return found
 
 
-def _failed_parts(system: System, changes: Sequence[ModeChange]) -> dict[int, str]:
-    """The failed part of the tube in words, by index of the change; {} without a C compiler."""
+def _failed_tube_parts(system: System, changes: Sequence[ModeChange]) -> dict[int, str]:
+    """Maps each change (by index) to the failed part of the tube; {} without a C compiler."""
     rests, every = [m.index for m in followed_modules(system)], enumerate(changes)
     lost = [(k, c) for k, c in every if c.to != "AC" and c.ttf and c.states and c.module in rests]
     looks = compile_looks(system) if lost else None
@@ -112,7 +112,7 @@ def _failed_parts(system: System, changes: Sequence[ModeChange]) -> dict[int, st
 def change_record(
     system: System, change: ModeChange, explainer: Explainer | None = None
 ) -> DecisionStepRecord:
-    """The record of a change of mode with its reason; an `explainer` adds the values behind it."""
+    """The record of a change of mode, with its reason; `explainer` adds the deciding values."""
     module = system.modules[change.module]
     saw = PredicateValues(change.ttf, change.safer, change.stale, change.gate_fault)
     after: Mode = "AC" if change.to == "AC" else "SC"
@@ -135,9 +135,9 @@ def decision_steps(
 ) -> Iterator[DecisionStepRecord]:
     """Yields every DM step of consecutive states, (n,), in order of time, then of modules.
 
-    `earlier`: the state before the first, None at a run's start. An `explainer` adds the values to
-    each step whose facts or mode differ from those of the step before, and the topics that were
-    read to each step of a module with `rest`.
+    `earlier`: the state before the first one, None at a run's start. An `explainer` adds the values
+    to each step whose facts or mode differ from those of the step before. It also adds the topics
+    that were read to each step of a module with `rest`.
     """
     due = decided_rows(system, states)
     modules = states["modules"]
@@ -163,7 +163,7 @@ def decision_steps(
 
 
 def margins_s(system: System, module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """margin(M) in s after every instant, (n,); `states`, (n,), begin with the run."""
+    """margin(M) in s after each of the `states`, (n,), which begin with the run."""
     now, rows = states["header"]["ct"], states["modules"][:, module.index]
     due = decided_rows(system, states)[:, module.index]
     last = np.maximum.accumulate(np.where(due, now, np.iinfo(np.int64).min // 2))
@@ -175,7 +175,7 @@ def margins_s(system: System, module: Module, states: npt.NDArray[Any]) -> npt.N
 
 
 def latched_rows(module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    """Whether, after each of `states`, (n,), a module's latch keeps AC from control: (n,)."""
+    """Whether the module's latch keeps AC from control after each of n states: (n,)."""
     in_sc = states["modules"]["mode"][:, module.index] == 0
     if module.latch is None:
         return np.zeros_like(in_sc)
@@ -188,7 +188,7 @@ def latched_rows(module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.boo
 
 
 def _latch_wait_text(module: Module, state: Any) -> str:  # noqa: ANN401 - a state
-    """Says what a module's latch waits for after an instant; "" if it does not keep AC out."""
+    """Describes what a module's latch waits for; "" if the latch does not keep AC out."""
     if module.latch is None or not latched_rows(module, state.reshape(1))[0]:
         return ""
     if not module.symbol.acknowledgements:
@@ -205,7 +205,7 @@ def _step_record(
     time_ns: int,
     waits: str,
 ) -> DecisionStepRecord:
-    """The record of a DM step. Owed outputs are those before it, as AC steps after its DM."""
+    """The record of a DM step; owed outputs are those before it, because AC steps after its DM."""
     now = modules[module.index]
     earlier = None if before is None else before[module.index]
     was_ac = module.forced == "ac" if earlier is None else bool(earlier["mode"])
@@ -226,9 +226,9 @@ def _step_record(
 
 
 def _margin_s(module: Module, after: Mode, saw: PredicateValues) -> float:
-    """For how many seconds AC surely keeps control from this step on: margin(M)."""
+    """How many seconds AC surely keeps control from this step on, called margin(M)."""
     unsafe = saw.ttf or saw.stale or saw.gate_fault
-    looks = module.looks_left(unsafe=unsafe, safer=saw.safer)
+    looks = module.periods_left(unsafe=unsafe, safer=saw.safer)
     return module.margin_ns(looks, 0) / 1e9 if after == "AC" else 0.0
 
 
@@ -241,12 +241,12 @@ def _has_changed(now: Any, before: Any, module: int) -> bool:  # noqa: ANN401 - 
 def decision_reason(before: Mode, after: Mode, saw: PredicateValues) -> str:
     """The reason for a DM step's decision in words; "" if AC simply stays."""
     if after == "SC":
-        return " and ".join(_objections(saw, staying=before == "SC"))
+        return " and ".join(_reasons_against_ac(saw, staying=before == "SC"))
     return "safer: far enough inside φ_safe" if before == "SC" else ""
 
 
-def _objections(saw: PredicateValues, *, staying: bool) -> Iterator[str]:
-    """Yields in words each fact that keeps AC from control."""
+def _reasons_against_ac(saw: PredicateValues, *, staying: bool) -> Iterator[str]:
+    """Yields, in words, each fact that keeps AC from control."""
     if saw.ttf and not staying:
         yield "ttf: must hold wherever φ_safe could be left within 2Δ (`soter verify` checks that)"
     if saw.stale:

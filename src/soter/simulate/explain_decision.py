@@ -69,10 +69,10 @@ class Operand:
 
 @dataclass(frozen=True)
 class PredicatePart:
-    """A part of a predicate with its value; None if its evaluation faulted, as `fault` names.
+    """A part of a predicate with its value; the value is None if the evaluation raised `fault`.
 
-    `operands`: both sides of a comparison; for computed predicates the estimate, with its `level`:
-    0 outside S_0, 1 in S_0, 2 in S_(m-2).
+    `operands`: both sides of a comparison; for a computed predicate the estimate and its `level`: 0
+    outside S_0, 1 in S_0, 2 in S_(m-2).
     """
 
     text: str
@@ -97,9 +97,9 @@ class GateFault(NamedTuple):
 class DecisionReason:
     """The reason for the decision of a DM step.
 
-    `ttf`, `safer`: the parts of these predicates (one true part makes `ttf` true, all make `safer`
-    true); empty if they are not `known`. `owed`: how many clean outputs AC owed. `led`: which part
-    of the tube around SC's runs failed; only for changes of mode (`change_records`).
+    `ttf`, `safer`: the parts of these predicates, empty if not `known`. One true part makes `ttf`
+    true; all parts must be true for `safer`. `owed`: how many clean outputs AC owed. `led`: the
+    failed part of the tube around SC's runs, only for changes of mode (`change_records`).
     """
 
     known: bool
@@ -111,7 +111,7 @@ class DecisionReason:
     led: str = ""
 
     def words(self, before: str, after: str) -> list[str]:
-        """The reasons in words, one phrase each; empty if AC only stays."""
+        """The reasons in words, one phrase each; empty if AC simply stays in control."""
         if after == "AC":
             return [str(p) for p in self.safer] if before == "SC" else []
         phrases = [str(s) for s in self.stale]
@@ -126,7 +126,7 @@ class DecisionReason:
 
 
 class TopicRead(NamedTuple):
-    """A topic that a DM step read, with value and age; None: it was never published."""
+    """A topic that a DM step read, with value and age, both None if it was never published."""
 
     topic: str
     type: Type
@@ -135,7 +135,7 @@ class TopicRead(NamedTuple):
 
 
 class Explainer:
-    """Explains DM steps of a system; it compiles the predicates of a module when first needed."""
+    """Explains the DM steps of a system; it compiles the predicates of a module on first use."""
 
     def __init__(self, system: System, layout: StateLayout) -> None:
         self.system = system
@@ -145,12 +145,12 @@ class Explainer:
     def explain(self, module: int, before: bytes | None, at: bytes) -> DecisionReason:
         """The reason for a module's DM step in the instant that ended in the state `at`.
 
-        `before`: the state at the end of the instant before, None at the first one.
+        `before`: the state at the end of the previous instant, None at the first instant.
         """
         return self._reader(module).explain(before, at)
 
     def topics_read(self, module: int, before: bytes | None, at: bytes) -> tuple[TopicRead, ...]:
-        """The topics that this DM step read; () under `order any`, where they are unknown."""
+        """The topics that this DM step read; () under `order any`, which leaves them unknown."""
         return () if self.system.shuffled else self._reader(module).topics_read(before, at)
 
     def _reader(self, module: int) -> _PredicateReader:
@@ -161,9 +161,9 @@ class Explainer:
         return self._readers[module]
 
     def safe_predicate(self, module: int) -> Callable[[bytes], bool] | None:
-        """A function from a state to whether `safe` holds on its topics; a fault gives False.
+        """A function that says for a state whether `safe` holds there; a fault gives False.
 
-        None if `safe` calls an extern function.
+        The result is None if `safe` calls an extern function.
         """
         reader = _PredicateReader(self.system, self.layout, self.system.modules[module])
         return reader.safe_predicate()
@@ -188,7 +188,7 @@ class _PredicateReader:
         self._safer = [] if symbol.safer is None else self._part_evaluators(conjuncts(symbol.safer))
 
     def explain(self, before: bytes | None, at: bytes) -> DecisionReason:
-        """The reason of a step; see `Explainer.explain`."""
+        """The reason for a step, as `Explainer.explain` describes it."""
         facts = self._module_record(at, self.module)
         env = self._environment(before, at)
         ttf: tuple[PredicatePart, ...] = ()
@@ -199,7 +199,9 @@ class _PredicateReader:
         if not self._evaluator.unbound:  # only the run itself may call an extern function
             ttf = tuple(part(env) for part in self._ttf)
             safer = tuple(part(env) for part in self._safer)
-        known = bool(facts["ttf"]) == _is_ttf(ttf) and bool(facts["safer"]) == _is_safer(safer)
+        known = bool(facts["ttf"]) == _is_ttf_true(ttf) and bool(facts["safer"]) == _is_safer_true(
+            safer
+        )
         stale = (
             tuple(stale_reads(self.system, self.module, env.stamps, env.time_ns))
             if facts["stale"]
@@ -215,7 +217,7 @@ class _PredicateReader:
         )
 
     def safe_predicate(self) -> Callable[[bytes], bool] | None:
-        """See `Explainer.safe_predicate`."""
+        """The function that `Explainer.safe_predicate` describes."""
         return None if self._safe is None else lambda at: self._is_safe(self._environment(at, at))
 
     def _is_safe(self, env: Environment) -> bool:
@@ -228,7 +230,7 @@ class _PredicateReader:
     # ------------------------------------------------------------ what the step read
 
     def topics_read(self, before: bytes | None, at: bytes) -> tuple[TopicRead, ...]:
-        """See `Explainer.topics_read`."""
+        """The topics that `Explainer.topics_read` describes."""
         env, topics = self._environment(before, at), self.system.topics
         ages = {
             i: env.time_ns - env.stamps[i] for i in self.module.inputs if env.stamps[i] != NEVER
@@ -284,7 +286,7 @@ class _PredicateReader:
         return MODULE.unpack_from(raw, self.layout.module_offset + module.index * MODULE.size)
 
     def _gate_fault(self, before: bytes | None) -> GateFault | None:
-        """The gate fault of the instant before, which the DM saw, as AC steps after its DM."""
+        """The gate fault of the previous instant, which the DM saw because AC steps after it."""
         if before is None:
             return None
         at = self.layout.component_offset + self.module.ac * COMPONENT.size
@@ -299,7 +301,7 @@ class _PredicateReader:
         return list(map(compile_part, parts))
 
     def _computed_evaluator(self, e: typed.TypedExpr) -> PartEvaluator:
-        """The evaluator of a part of a computed predicate: of a level, or of judged commands."""
+        """The evaluator of a part of a computed predicate: of a level or of permitted commands."""
         if isinstance(e, typed.TypedUnary) and self.module.shield is None:
             return self._level_evaluator(e.operand, for_ttf=True)  # not `safer`
         if isinstance(e, typed.TypedBinary):
@@ -351,7 +353,7 @@ class _PredicateReader:
         return evaluated_part
 
     def _grid_end_note(self, leaf: typed.TypedExpr, x: Operand, env: Environment) -> str:
-        """A note if an estimate is near the grid's end and `safe` holds beyond it; else ""."""
+        """A note for an estimate near the end of the grid, if `safe` holds beyond; else ""."""
         low, high = self.module.grid_ends.get(x.text, (-math.inf, math.inf))
         for end, out in ((low, low - high), (high, high - low)):
             if (end - float(x.value)) / out < NEAR:
@@ -363,7 +365,7 @@ class _PredicateReader:
     def _topics_with_leaf(
         self, leaf: typed.TypedExpr, x: float, topics: Sequence[Value]
     ) -> Sequence[Value]:
-        """A copy of all topics in which the leaf that `leaf` reads has the value `x`."""
+        """A copy of all topics in which the leaf that the expression reads has the value `x`."""
         where: list[Any] = []
         while not isinstance(leaf, typed.TopicRead):
             assert isinstance(leaf, (typed.TypedField, typed.Index))
@@ -371,7 +373,7 @@ class _PredicateReader:
         return value_with_number(topics[:], [self.module.scope.topics[leaf.topic], *where], x)
 
     def _level_evaluator(self, e: typed.TypedExpr, *, for_ttf: bool = False) -> PartEvaluator:
-        """The evaluator of `level(x, ...) < 1` or `>= 2`; with several plans, of the first plan."""
+        """The evaluator of `level(x, ...) < 1` or `>= 2`, for the first of several plans."""
         e = disjuncts(e)[0]
         assert isinstance(e, typed.TypedBinary)
         assert isinstance(e.left, typed.TypedCall)
@@ -418,14 +420,14 @@ class _LazySequence(Sequence[T]):
 
 
 def value_with_number(value: Sequence[Value], where: Sequence[int], x: float) -> Sequence[Value]:
-    """A copy of a nested value, in which the number at the path `where` is `x`."""
+    """A copy of a nested value in which the number at the path `where` is replaced by `x`."""
     first, *rest = where
     new = value_with_number(value[first], rest, x) if rest else x
     return (*value[:first], new, *value[first + 1 :])
 
 
 def _leaf_value(t: Type, value: Any, path: Sequence[str]) -> Number:  # noqa: ANN401 - of a topic
-    """The number in a topic's value at `path`, a path as `leaves` gives it."""
+    """The number in a topic's value at `path`, in the form that `leaves` gives."""
     for k in positions(t, path):
         value = value[k]
     number: Number = value
@@ -433,7 +435,7 @@ def _leaf_value(t: Type, value: Any, path: Sequence[str]) -> Number:  # noqa: AN
 
 
 def early_topics(system: System, dm: int) -> frozenset[int]:
-    """The topics that change only before a DM steps in the deployed order, inputs included."""
+    """The topics, inputs included, that no component changes from the DM's step on."""
     late = {i for c in system.components if c.index >= dm for i in c.writes}
     looks = {m.looked for m in system.modules if m.dm >= dm and m.looked is not None}
     judging = [m.shield for m in system.modules if m.shield is not None]
@@ -441,12 +443,12 @@ def early_topics(system: System, dm: int) -> frozenset[int]:
     return frozenset({t.index for t in system.topics} - late - looks - shields)
 
 
-def _is_ttf(parts: tuple[PredicatePart, ...]) -> bool:
-    """The value of `ttf` by its parts: true if one is true or faulted, or if there is none."""
+def _is_ttf_true(parts: tuple[PredicatePart, ...]) -> bool:
+    """Whether `ttf` holds by its parts: one is true or faulted, or the parts are missing."""
     return next((True for p in parts if p.value or p.value is None), not parts)
 
 
-def _is_safer(parts: tuple[PredicatePart, ...]) -> bool:
+def _is_safer_true(parts: tuple[PredicatePart, ...]) -> bool:
     return bool(parts) and all(p.value for p in parts)
 
 

@@ -50,8 +50,8 @@ CUT = "its end is missing: the program that flew was killed, or the file was cut
 class FlightRecording:
     """The recording of a flight of a system.
 
-    `cut`: why it was not read to its end, "" if it was. `misses`: how often the trusted part
-    was late, as the driver counted. `last_ns`: the time of the last instant that was read.
+    `cut`: why it was read only in part, "" if it was read to its end. `misses`: how often the
+    driver found the trusted part late. `last_ns`: the time of the last instant that was read.
     """
 
     path: Path
@@ -63,7 +63,7 @@ class FlightRecording:
     _lateness: dict[tuple[int, str], tuple[int, int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Reads the head; `SoterError` D006 if it is no recording, D023 if of another system."""
+        """Reads the head; raises `SoterError` D006 for no recording, D023 for another system's."""
         self._layout = state_layout(self.system)
         modules = max(len(self.system.modules), 1)
         self._record = np.dtype(
@@ -79,9 +79,9 @@ class FlightRecording:
             self.seed = self._read_head(file)
 
     def show_states_to(self, observer: Observer, also: Callable[..., None] | None = None) -> None:
-        """Shows all states to an observer; `also` then gets the `StepLateness` of its states.
+        """Shows all states to an observer; `also` then gets the `StepLateness` of these states.
 
-        `SoterError` D006 if the recording contradicts itself, or has an impossible state.
+        Raises `SoterError` D006 if the recording contradicts itself or has an impossible state.
         """
         if also is not None:
             observer.also = partial(also, looks=self._lateness)
@@ -103,7 +103,7 @@ class FlightRecording:
             raise self._unreadable(reason(error)) from error
 
     def _read_head(self, file: BinaryIO) -> int:
-        """Checks that this system flew, with these parameters, and gives the seed."""
+        """Gives the seed; raises SoterError if another system or other parameters were flown."""
         head, _, _ = file.read(HEAD_MAX).partition(b"\n\n")
         file.seek(len(head) + 2)
         first, *lines = head.decode("utf-8", "replace").split("\n")
@@ -123,7 +123,7 @@ class FlightRecording:
         return int(seed)
 
     def _read_blocks(self) -> Iterator[npt.NDArray[np.uint8]]:
-        """Yields the states in blocks, (n, size) bytes, up to the first missing one."""
+        """Yields the states in blocks, (n, size) bytes, until a state is missing."""
         with self._open_file() as file:
             self._read_head(file)
             begin, announced, size = file.tell(), self._read_end(file), self._record.itemsize
@@ -164,7 +164,7 @@ class FlightRecording:
         return int(end[1])
 
     def _records_in_sequence(self, records: npt.NDArray[Any], number: int) -> npt.NDArray[Any]:
-        """The records up to the first gap in their numbers; `SoterError` D006 for wrong records."""
+        """The records up to the first gap in their numbers; raises `SoterError` D006 for damage."""
         numbers = records["number"].astype(np.int64)
         due = np.arange(number, number + len(records))
         fits = numbers == due
@@ -177,7 +177,7 @@ class FlightRecording:
         return ordered
 
     def _note_records(self, records: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-        """Notes the lateness, misses and last time of these records, and gives their states."""
+        """Notes the lateness, misses and last time of the records, and gives the states in them."""
         self.misses += int(records["misses"].sum())
         self.last_ns = int(records["ct"][-1])
         self._lateness.clear()

@@ -26,7 +26,7 @@ ANY_END = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class StopRequest:
-    """A request to stop. `wanted`: signal number `signal` came; `in_extern`: an extern runs."""
+    """A request to stop; `wanted` if a signal came, whose number is in `signal`."""
 
     def __init__(self) -> None:
         self.wanted = False
@@ -35,9 +35,9 @@ class StopRequest:
         self.signal = 0
 
     def note_signal(self, number: int, _frame: FrameType | None) -> None:
-        """Handles a signal: notes it, so that a run stops at the end of an instant.
+        """Notes a signal, so that the run stops at the end of an instant.
 
-        It raises `Stop` in an extern's code, and `KeyboardInterrupt` once, outside a run.
+        It raises `Stop` in an extern's code. Outside a run it raises `KeyboardInterrupt`, once.
         """
         again, self.wanted = self.wanted, True
         self.signal = self.signal or number
@@ -52,7 +52,7 @@ _listening: list[StopRequest] = []
 
 
 def current_stop_request() -> StopRequest:
-    """The request that already receives the signals, or a new one."""
+    """The request that receives signals already, or a new request."""
     return _listening[-1] if _listening else StopRequest()
 
 
@@ -60,7 +60,7 @@ def current_stop_request() -> StopRequest:
 def receiving_signals(
     request: StopRequest, numbers: tuple[signal.Signals, ...] = INTERRUPT
 ) -> Iterator[None]:
-    """A `with` block in which signals reach the request; a caller's own handlers stay."""
+    """In its `with` block, signals reach the request, but handlers set by a caller stay."""
     if threading.current_thread() is not threading.main_thread() or request in _listening:
         yield
         return
@@ -80,7 +80,7 @@ def receiving_signals(
 def stoppable_run(
     request: StopRequest, numbers: tuple[signal.Signals, ...] = INTERRUPT
 ) -> Iterator[None]:
-    """A `with` block for a run, which signals stop at the end of an instant."""
+    """In its `with` block, signals stop a run at the end of an instant."""
     with receiving_signals(request, numbers):
         request.running = True
         try:
@@ -95,7 +95,7 @@ def signal_name(request: StopRequest) -> str:
 
 
 def raise_signal_again(request: StopRequest) -> NoReturn:
-    """Raises KeyboardInterrupt for Ctrl-C; for another signal, sends it to this process again."""
+    """Raises KeyboardInterrupt for Ctrl-C, and sends any other signal to this process again."""
     if request.signal not in (0, signal.SIGINT):
         signal.raise_signal(request.signal)
     raise KeyboardInterrupt

@@ -41,12 +41,12 @@ if TYPE_CHECKING:
 
 
 class SafeJudge(Protocol):
-    """An object that evaluates `safe` of modules on states."""
+    """Evaluates `safe` of modules on states."""
 
     def false_flags(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
         """For each of `rows` of the states, (n,), whether `safe` is false; a fault counts as false.
 
-        None if `safe` calls an extern function, which only the run itself may call.
+        None if `safe` calls an extern function, which only a run may call.
         """
 
 
@@ -70,11 +70,11 @@ class JudgedUnit(UnitBuilder):
 
     @staticmethod
     def added_names(system: System) -> tuple[str, ...]:
-        """The names that this adds to the C: of the table, and of each module's predicate."""
+        """The names that are added to the C: of the table, and of each module's predicate."""
         return ("safe", *(f"safe_{m.index}" for m in system.modules))
 
     def added_definitions(self) -> list[c.CTop]:
-        """The C of the predicates, and of the table that lists them."""
+        """The C definitions of the predicates and of the table that lists them."""
         functions: list[c.CTop] = []
         rows: list[tuple[None, c.CExpr]] = []
         for module, predicate in self.judged.items():
@@ -95,7 +95,7 @@ def _called_functions(p: Predicate) -> set[str]:
 
 
 def extern_functions(core: CoreSystem) -> set[str]:
-    """The names of functions that are extern, or that call one."""
+    """The names of functions that are extern or call an extern function."""
     extern: set[str] = set()
     for f in core.functions:
         called = {x.function for x in walk(f.body) if isinstance(x, Call)}
@@ -116,7 +116,7 @@ class CompiledSafe:
             self._table = address(library.ffi, path, name, "const soter_property_info *")
 
     def false_flags(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
-        """See `SafeJudge.false_flags`; `states`, (n,), are contiguous."""
+        """The flags that `SafeJudge.false_flags` describes; `states`, (n,), are contiguous."""
         if module not in self._row:
             return None
         judge, size = self._table[self._row[module]].violated, states.dtype.itemsize
@@ -135,7 +135,7 @@ class InterpretedSafe:
         self._holds = [explainer.safe_predicate(m.index) for m in system.modules]
 
     def false_flags(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
-        """See `SafeJudge.false_flags`, for `states`, (n,)."""
+        """The flags that `SafeJudge.false_flags` describes, for `states`, (n,)."""
         holds = self._holds[module]
         return None if holds is None else [not holds(states[row].tobytes()) for row in rows]
 
@@ -145,7 +145,7 @@ class InterpretedSafe:
 
 @dataclass(frozen=True)
 class SafeLooks:
-    """How many looks of a module's DM had fresh reads, and in how many `safe` was false.
+    """How many looks of a module's DM had fresh reads, and after how many `safe` was false.
 
     `outside`, the second number, is None if `safe` was not judged.
     """
@@ -160,11 +160,11 @@ class SafeTally:
 
     def __init__(self, system: System, judge: SafeJudge) -> None:
         self._judge = judge
-        self._inputs = [_published_reads(system, m) for m in system.modules]
+        self._inputs = [_reads_with_defaults(system, m) for m in system.modules]
         self.looks = [SafeLooks() for _ in system.modules]
 
     def count_looks(self, states: States, due: npt.NDArray[np.bool_]) -> None:
-        """Counts the looks in the next states, (n,); `due`: which DM has looked, (n, modules)."""
+        """Counts the looks in the next n states; `due` (n, modules) marks the DMs that looked."""
         fresh = due & (states["modules"]["stale"] == 0)
         for module, needed in enumerate(self._inputs):
             looked = fresh[:, module]
@@ -181,7 +181,7 @@ class SafeTally:
                 self.looks[module] = SafeLooks(before.looks + len(rows), outside, first_s)
 
 
-def _published_reads(system: System, m: Module) -> list[int]:
-    """The topics that `safe` reads and components publish, which first hold only defaults."""
+def _reads_with_defaults(system: System, m: Module) -> list[int]:
+    """The topics that `safe` reads and components publish; at first they hold only defaults."""
     read = {m.scope.topics[t] for t in topic_reads(m.symbol.safe)}
     return sorted(read - set(environment_topics(system)))

@@ -66,7 +66,7 @@ class BuiltPackage:
 
 
 def why_not_real_time(bindings: Bindings, engine: str) -> str:
-    """The reason why a run cannot be in real time, but only paced by the clock; "" if it can."""
+    """The reason why a run cannot be in real time; "" if it can."""
     if engine != "native":
         return "the interpreter has no clock"
     if sys.platform != "linux":
@@ -81,7 +81,7 @@ def why_not_real_time(bindings: Bindings, engine: str) -> str:
 
 
 def build_package(system: System, core: CoreSystem) -> BuiltPackage:
-    """The compiled package, from the cache or compiled now; `SoterError` X004, X008."""
+    """Gives the compiled package, from the cache or compiled now; `SoterError` X004, X008."""
     if system.externals:
         raise SoterError((_external_topics_error(system),))
     compiler = find_compiler()
@@ -126,7 +126,7 @@ def run_real_time(
 ) -> Run:
     """Runs a system in real time, to `until_ns` or until `stop`; the trace is (instants,).
 
-    `SoterError` X004, X008 if it cannot be built, X011 if the driver does not run.
+    Raises `SoterError` X004, X008 if it cannot be built, X011 if the driver does not run.
     """
     system = bindings.system
     built = build_package(system, bindings.core)
@@ -154,7 +154,7 @@ def run_recorded(
     hash_trace: bool = False,
     also: Callable[..., None] | None = None,
 ) -> Run:
-    """The `Run` in a recording; its `cut` says why the recording was not read to its end."""
+    """Reads a recording as a `Run`; `cut` of the result says why it was read only in part."""
     system, began = recording.system, time.perf_counter()
     observer = make_observer(system, state_layout(system), keep_trace, hash_trace=hash_trace)
     recording.show_states_to(observer, also)
@@ -173,7 +173,7 @@ def _finished_run(
     wall_s: float,
     duration_s: float,
 ) -> Run:
-    """The `Run` with the states that an observer got."""
+    """Makes the `Run` from the states that an observer got."""
     layout = state_layout(system)
     dtype = state_dtype(layout)
     last = observer.last if observer.last is not None else np.zeros(layout.size, dtype=np.uint8)
@@ -201,7 +201,7 @@ def _run_driver(
     *,
     quiet: bool,
 ) -> dict[str, Any]:
-    """Runs the driver and gives its report; `SoterError` X011 if there is no report."""
+    """Runs the driver and gives its report; raises `SoterError` X011 without a report."""
     program = _executable_copy(built, work)
     command = [str(program), "--json", "--seed", str(seed), "--until", f"{until_ns / 1e9!r}"]
     command += ["--record", str(work / "states"), "--wait", str(WAIT_S)]
@@ -236,7 +236,7 @@ def _run_driver(
 
 
 def _executable_copy(built: BuiltPackage, work: Path) -> Path:
-    """Makes an executable copy of the program, as files in the cache are not executable."""
+    """Copies the program and makes it executable, because files in the cache are not."""
     for path in built.folder.iterdir():
         if path.name != "seals":
             (work / path.name).symlink_to(path) if path.is_dir() else shutil.copy2(path, work)

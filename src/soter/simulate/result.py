@@ -43,8 +43,8 @@ TOGETHER_MIN = 4
 class Violation:
     """A violated property, or a component that a step fault has latched.
 
-    `time_s`: when it was first violated; `count`: how often a violation began; `span`: the place of
-    the property or of the component's declaration.
+    `time_s`: the time of the first violation; `count`: how often a violation began; `span`: the
+    place of the property or of the component's declaration.
     """
 
     what: str
@@ -56,11 +56,11 @@ class Violation:
 
 @dataclass(frozen=True)
 class ModuleSummary:
-    """The figures of one module in a run. `ac_share` is the share of time in mode AC.
+    """The figures of one module in a run; `ac_share` is the share of time in mode AC.
 
-    `looks`: the looks of its DM with fresh reads. `outside`: after how many of these its own `safe`
-    was false on its topics; None if that was not judged (a run that was neither hashed nor traced,
-    or a `safe` that calls an extern function).
+    `looks`: the looks of its DM with fresh reads. `outside`: after how many of these looks the
+    module's `safe` was false. It is None if `safe` was not judged (a run without hash and trace, or
+    a `safe` that calls an extern function).
     """
 
     ac_share: float
@@ -76,10 +76,10 @@ class ModuleSummary:
 
 @dataclass(eq=False, repr=False, kw_only=True)
 class Run:
-    """The result of a run (docs/python.md).
+    """The result of a run, which docs/python.md describes.
 
-    `trace` has one record per instant (dtype `state_dtype`), or is None. Where only some parts
-    were `recorded`, its records have those.
+    `trace` has one record per instant (dtype `state_dtype`), or is None. If only some parts were
+    `recorded`, the records have only those.
 
     `duration_s` is the requested length, `reached_s` the time of the last instant; they differ if
     the run was `interrupted`. `changes` and `first_faults` are filled if the run was hashed or
@@ -144,7 +144,7 @@ class Run:
 
     @property
     def never_answered(self) -> dict[str, int]:
-        """The number of steps of each extern that failed in all of them, by its name."""
+        """Maps each extern that failed in every step to the number of its steps."""
         faults = self._fault_counts
         return {
             name: tally.steps
@@ -154,13 +154,13 @@ class Run:
 
     @property
     def late(self) -> bool:
-        """Whether, in real time, the trusted part was late more often than allowed."""
+        """Whether the trusted part of a real-time run was late more often than allowed."""
         timing = self.timing
         return timing is not None and bool(timing["misses"] > timing["misses_allowed"])
 
     @property
     def failures(self) -> list[str]:
-        """A sentence on the first failure of each extern."""
+        """A sentence for each extern that failed, on its first failure."""
         often = {n: "once" if k == 1 else f"{k:,} times" for n, k in self._fault_counts.items()}
         for name, steps in self.never_answered.items():
             often[name] = f"in every step ({steps:,}), nothing of it was tried"
@@ -192,7 +192,7 @@ class Run:
 
     @property
     def params(self) -> dict[str, Value]:
-        """Every parameter as it was set, by full name; durations in ns."""
+        """The value of every parameter in this run, by full name; durations are in ns."""
         return dict(self.system.params)
 
     @property
@@ -202,12 +202,12 @@ class Run:
 
     @property
     def violations(self) -> int:
-        """Number of violations."""
+        """The number of violations."""
         return int(self.final["header"]["violations"])
 
     @property
     def violation_list(self) -> list[Violation]:
-        """Each violated property and latched component."""
+        """All violated properties and latched components."""
         violations = []
         for prop in self.system.properties:
             row = self.final["properties"][prop.index]
@@ -235,7 +235,7 @@ class Run:
 
     @property
     def modules(self) -> dict[str, ModuleSummary]:
-        """Per module: share of time in AC and switches."""
+        """Maps each module to its share of time in AC and its switches."""
         summary_by_module = {}
         for module in self.system.modules:
             row = self.final["modules"][module.index]
@@ -255,15 +255,15 @@ class Run:
     def decisions(self) -> list[DecisionStepRecord]:
         """The DM steps that changed a mode, in order of time, and why (hashed or traced runs).
 
-        Each has `time_ns`, `module`, `before`, `after`, `reason`, `words` and `why`
-        (docs/python.md).
+        Each has `time_ns`, `module`, `before`, `after`, `reason`, `words` and `why`, which
+        docs/python.md describes.
         """
         return change_records(self.system, self.layout, self.changes)
 
     # Everything below needs a trace: SoterError U001 without one, or for an unknown name.
 
     def require_trace(self) -> npt.NDArray[Any]:
-        """The whole trace, (instants,); SoterError U001 where none, or only parts, were kept."""
+        """The trace, (instants,); raises SoterError U001 unless all of it was kept."""
         trace = _kept_trace(self)
         if self.recorded is not None:
             message = f"this run recorded only {', '.join(f'`{n}`' for n in self.recorded)}"
@@ -275,7 +275,7 @@ class Run:
         return _kept_trace(self)["header"]["ct"] / 1e9
 
     def topic(self, name: str) -> npt.NDArray[Any]:
-        """Values of a topic, or of `<plant>.truth`, by instant, (n,); records have fields."""
+        """The values of a topic, or of `<plant>.truth`, after every instant, (n,)."""
         return _trace_values(self, name)[1]
 
     def truth(self, plant: str) -> npt.NDArray[Any]:
@@ -287,17 +287,17 @@ class Run:
         return _module_mode(self, module)
 
     def margin(self, module: str) -> npt.NDArray[np.float64]:
-        """For how long AC surely keeps control, after every instant, (n,), in s: `margin(M)`.
+        """How long AC surely keeps control, after every instant, (n,), in s: `margin(M)`.
 
-        SoterError U001 where the trace has only parts.
+        Raises SoterError U001 if the trace has only parts.
         """
         return margins_s(self.system, *self._traced_module(module))
 
     def moved(self, module: str) -> npt.NDArray[np.bool_]:
         """Whether a shield `toward sc` moved the command that AC published, at each instant, (n,).
 
-        What AC would have published is in the topic `<module>.proposed`. SoterError U001 where the
-        trace has only parts.
+        The command before the move is in the topic `<module>.proposed`. Raises SoterError U001 if
+        the trace has only parts.
         """
         return moved_rows(self.system, *self._traced_module(module))[1]
 
@@ -307,7 +307,7 @@ class Run:
         return next(m for m in self.system.modules if m.name == name), trace
 
     def array(self, path: str) -> npt.NDArray[np.float64]:
-        """A topic, a truth or a part of one (`boat.truth.p`) as plain floats.
+        """A topic, a truth, or a part of these (`boat.truth.p`) as plain floats.
 
         (n,) for a number, (n, k) for records and arrays of k numbers, in declared order.
         """
@@ -315,7 +315,7 @@ class Run:
 
 
 def _declaration_place(x: Component) -> Span:
-    """The place of the declaration of a component's node or plant, not of its use in a system."""
+    """The place at which a component's node or plant is declared, not where a system uses it."""
     declared = x.node or x.plant
     return declared.span if declared is not None else x.span
 
@@ -324,7 +324,7 @@ def _declaration_place(x: Component) -> Span:
 
 
 def _kept_trace(run: Run, name: str = "") -> npt.NDArray[Any]:
-    """The part of the trace that was kept, (n,); `SoterError` U001 if `name` is not in it."""
+    """The trace, (n,); raises `SoterError` U001 if it was not kept or lacks `name`."""
     if run.trace is None:
         raise mistake("U001", "this run kept no trace", "ask for it: simulate(trace=True)")
     if name and run.recorded is not None and name not in run.recorded:
@@ -334,7 +334,7 @@ def _kept_trace(run: Run, name: str = "") -> npt.NDArray[Any]:
 
 
 def _trace_values(run: Run, name: str) -> tuple[Type, npt.NDArray[Any]]:
-    """The type and the values, (n,), of a topic or of a plant's truth; SoterError U001."""
+    """The type and values, (n,), of a topic or a plant's truth; raises SoterError U001."""
     _kept_trace(run)
     for topic in run.system.topics:
         if topic.name == name:
@@ -349,7 +349,7 @@ def _trace_values(run: Run, name: str) -> tuple[Type, npt.NDArray[Any]]:
 
 
 def _module_mode(run: Run, module: str) -> npt.NDArray[np.uint8]:
-    """The mode of a module after each instant, (n,); SoterError U001."""
+    """The mode of a module after each instant, (n,); raises SoterError U001."""
     _kept_trace(run)
     for m in run.system.modules:
         if m.name == module:
@@ -359,7 +359,7 @@ def _module_mode(run: Run, module: str) -> npt.NDArray[np.uint8]:
 
 
 def _trace_array(run: Run, path: str) -> npt.NDArray[np.float64]:
-    """A topic, a truth or a part of one as floats: (n,) or (n, k); SoterError U001."""
+    """A topic, a truth or a part as floats: (n,) or (n, k); raises SoterError U001."""
     known = [n for n in _signals(run) if path == n or path.startswith(f"{n}.")]
     name = max(known, key=len, default=path)
     t, values = _trace_values(run, name)
@@ -429,7 +429,7 @@ def _late_notes(run: Run) -> Iterator[str]:
 
 
 def silence_words(timing: dict[str, Any]) -> list[str]:
-    """For each module a sentence on its actuators in the longest silence of a real-time run."""
+    """A sentence for each module on its actuators in the longest silence of a real-time run."""
     laws = {name: of["silence_law_ns"] for name, of in timing["leases"].items()}
     return [
         f"{name} was held by its law for the last {laws[name] / 1e6:.1f} ms of it"

@@ -28,7 +28,7 @@ NAMED_MAX = 2
 
 
 def verdict_by_property(module: Module) -> dict[str, str]:
-    """The verdict, `proved` or `assumed`, on each property of a module without `soter verify`."""
+    """The verdict (`proved` or `assumed`) on each property of a module that was not verified."""
     del module  # the same for every module
     return {**dict.fromkeys(PROVED, "proved"), **dict.fromkeys(ASSUMED, "assumed")}
 
@@ -42,7 +42,7 @@ def _map_assumptions(system: System, modules: Iterable[Module]) -> Iterator[str]
 
 
 def code_assumptions(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
-    """Sentences on what is assumed of modules that may switch, and of trusted externs.
+    """Sentences on assumptions about modules that may switch, and about trusted externs.
 
     `proofs`: the proof of each module by name, if exactly this system was verified.
     """
@@ -69,7 +69,7 @@ def code_assumptions(system: System, proofs: Mapping[str, Proof] | None = None) 
 
 
 def _proof_sentences(system: System, free: list[Module], proofs: Mapping[str, Proof]) -> list[str]:
-    """For each module a sentence on which of its properties are proved or assumed."""
+    """A sentence for each module on which of its properties are proved or assumed."""
     assumptions = [
         _proof_sentence(m.name, proofs[m.name]) + _unproved_code(system)
         for m in free
@@ -124,7 +124,7 @@ def _proof_sentence(name: str, proof: Proof) -> str:
 
 
 def _unproved_code(system: System) -> str:
-    """A clause that names the extern code that no proof covers; "" if there is none."""
+    """A clause that names the extern code outside of all proofs; "" without extern code."""
     names = [x.name for x in system.components if x.extern and x.role != "ac"]
     names += [f.name for f in system.program.funs.values() if f.extern]
     if not names:
@@ -139,7 +139,7 @@ def _checker_of_runs(system: System) -> str:
 
 
 def forced_module_notes(system: System) -> list[str]:
-    """A sentence on each module that the system forces to one mode."""
+    """A sentence for each module that the system forces into one mode."""
     return [
         f"{m.name} is forced to {m.forced.upper()}: it protects nothing in this system"
         for m in system.modules
@@ -148,7 +148,7 @@ def forced_module_notes(system: System) -> list[str]:
 
 
 def environment_assumptions(system: System) -> list[str]:
-    """Sentences on what is assumed of the plants and the inputs of a system."""
+    """Sentences on assumptions about the plants and the inputs of a system."""
     assumptions = []
     for component in system.components:
         if component.plant is not None:
@@ -171,7 +171,7 @@ def environment_assumptions(system: System) -> list[str]:
 
 
 def step_assumptions(system: System) -> list[str]:
-    """Sentences on how long steps take, for each component with such a time."""
+    """Sentences on how long steps take, one for each component that declares it."""
     return [
         f"{x.name} takes {_interval_text(*x.takes_ns)} a step, drawn evenly; what it publishes "
         "counts then, and releases meanwhile are lost"
@@ -185,7 +185,7 @@ def _interval_text(low: int, high: int) -> str:
 
 
 def fault_assumptions(system: System) -> list[str]:
-    """Sentences on declared faults: those that proofs allow for, and the others."""
+    """Sentences on the declared faults: those that proofs allow for, and all others."""
     inside_by_text: dict[str, bool] = {}
     for fault in system.faults:
         if fault.on is None:
@@ -204,7 +204,7 @@ def fault_assumptions(system: System) -> list[str]:
 
 
 def run_assumptions(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
-    """A sentence for each assumption of a run of this system; `proofs`: see `code_assumptions`."""
+    """A sentence for each assumption of a run; `proofs` is that of `code_assumptions`."""
     taken = [
         *code_assumptions(system, proofs),
         *forced_module_notes(system),
@@ -231,7 +231,7 @@ def _plant_assumptions(system: System, x: Component) -> list[str]:
 
 
 def _error_bounds(system: System, x: Component) -> str:
-    """The error bounds of a plant in words, with units; with signals if there are several."""
+    """The error bounds of a plant in words, with units, and with signal names if it has several."""
     signals: dict[str, list[str]] = {}
     for m in x.measured:
         topic = system.topics[m.topic]
@@ -247,5 +247,5 @@ def _error_bounds(system: System, x: Component) -> str:
 
 
 def _unit_suffix(t: Type) -> str:
-    """The unit to write behind a number; "" for a type without a single unit."""
+    """The unit to write after a number; "" for a type without a single unit."""
     return f" {t.unit}" if isinstance(t, (FloatType, IntType)) and t.unit else ""

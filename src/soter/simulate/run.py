@@ -29,7 +29,7 @@ from soter.core.layout import (
 )
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError, mistake
-from soter.language.evaluate.arithmetic import require_plain
+from soter.language.evaluate.arithmetic import require_default_float_rules
 from soter.native.kept_state import library_copy, why_it_keeps_state
 from soter.native.loaded_program import Library, RunStatus
 from soter.native.shared_library import library
@@ -68,14 +68,14 @@ NAP_S = 0.01
 
 
 class Pacer:
-    """Waits on the wall clock until virtual times; the clock starts with the first wait."""
+    """Waits on the wall clock for virtual times; the clock starts with the first wait."""
 
     def __init__(self) -> None:
         self._began_s: float | None = None
         self.lag_s_max = 0.0
 
     def wait(self, time_ns: int, stop: StopRequest) -> None:
-        """Sleeps until virtual time `time_ns`, or until `stop` is wanted."""
+        """Sleeps until the virtual time `time_ns`, or until `stop` asks to stop."""
         now_s = time.perf_counter()
         if self._began_s is None:
             self._began_s = now_s - time_ns / 1e9
@@ -171,7 +171,7 @@ BATCH = 64
 
 
 class LoadedProgram(NamedTuple):
-    """A compiled system that is loaded, and the object that evaluates its modules' `safe`."""
+    """A loaded compiled system, and the object that evaluates `safe` of its modules."""
 
     library: Library
     judge: SafeJudge
@@ -180,8 +180,8 @@ class LoadedProgram(NamedTuple):
 class NativeProgram:
     """A compiled system, ready to run any number of times.
 
-    `optimise`: the compiler's flag, by default one for the size of the C. `core`: the lowered
-    system where it differs from what the program says (`native/extern_bindings.py`).
+    `optimise`: the compiler's flag, by default chosen by the size of the C. `core`: the lowered
+    system, if it differs from the program (`native/extern_bindings.py`).
     """
 
     def __init__(
@@ -204,7 +204,7 @@ class NativeProgram:
         self._keeps = bool(why_it_keeps_state(self.unit))
 
     def load(self) -> LoadedProgram:
-        """The loaded program; if its C may keep state between calls, a fresh copy of it."""
+        """The loaded program, as a fresh copy if its C may keep state between calls."""
         if not self._keeps:
             return self._shared
         with library_copy(self._path) as path:
@@ -231,13 +231,13 @@ class NativeProgram:
         pacer: Pacer | None = None,
         also: Also | None = None,
     ) -> Run:
-        """Runs from the start to `until_ns`, or until `stop` is wanted.
+        """Runs from the start to `until_ns`, or until `stop` asks to stop.
 
         Instants, changes of mode and first faults are counted if the run is hashed, traced or
-        `observed`. `also` gets what is observed, block by block: records (n,) and the changes of
-        mode in them. `SoterError` U001 if `keep_trace` names no part of the system.
+        `observed`. `also` gets the observed states block by block: records (n,) and the changes of
+        mode in them. Raises `SoterError` U001 if `keep_trace` names no part of the system.
         """
-        require_plain()
+        require_default_float_rules()
         bound = bound or {}
         _reset_all(bound, seed)
         observer, loaded = None, self.load()
@@ -277,7 +277,7 @@ class NativeProgram:
 
 
 class _Drive:
-    """The Python half of the virtual-time driver: a state, its trace buffer, extern answers."""
+    """The Python half of the virtual-time driver: a state, a trace buffer, answers of externs."""
 
     def __init__(
         self,
@@ -301,7 +301,7 @@ class _Drive:
             self.buffer = np.zeros((room, program.layout.size), dtype=np.uint8)
 
     def run_to(self, until_ns: int, progress: Progress | None, pacer: Pacer | None) -> bool:
-        """Runs to `until_ns`; gives False if a stop was wanted before."""
+        """Runs to `until_ns`; returns False if a stop was requested before."""
         limit_ns = -1
         try:
             while True:
@@ -320,7 +320,7 @@ class _Drive:
             self._show_filled()
 
     def _next_limit(self, limit_ns: int, until_ns: int, pacer: Pacer | None) -> int:
-        """The virtual time at which the run next checks Ctrl-C, progress and clock."""
+        """The virtual time until which the run may go on before it checks Ctrl-C and progress."""
         if pacer is not None:
             due_ns = min(self.library.next_instant_ns(self.state), until_ns)
             pacer.wait(due_ns, self.stop)
@@ -328,7 +328,7 @@ class _Drive:
         return until_ns if self.buffer is not None else min(limit_ns + SLICE_NS, until_ns)
 
     def _run_part(self, limit_ns: int) -> bool:
-        """Runs to `limit_ns`, a full buffer or an extern, which it answers; True at the limit."""
+        """Runs to `limit_ns`, a full buffer or an extern's answer; returns True at the limit."""
         part = self.buffer[self.filled :] if self.buffer is not None else None
         status, written, due = self.library.run_until(self.state, limit_ns, part)
         _check_process(self.process)
@@ -360,9 +360,9 @@ def run_interpreted(
     pacer: Pacer | None = None,
     also: Also | None = None,
 ) -> Run:
-    """Runs in the reference interpreter; `SoterError` X003 if an extern's `reset` raises.
+    """Runs in the reference interpreter; raises `SoterError` X003 if an extern's `reset` raises.
 
-    `also` gets what is observed, block by block: records (n,) and the changes of mode in them.
+    `also` gets the observed states block by block: records (n,) and the changes of mode in them.
     """
     layout = state_layout(system)
     dtype = state_dtype(layout)
@@ -417,8 +417,8 @@ def run_interpreted(
 def _interpret(
     interpreter: Interpreter, until_ns: int, observe: Callable[[Configuration, Record], None]
 ) -> bool:
-    """Runs the interpreter to `until_ns`; gives False if a stop was wanted before."""
-    require_plain()
+    """Runs the interpreter to `until_ns`; returns False if a stop was requested before."""
+    require_default_float_rules()
     try:
         interpreter.run(until_ns, observe)
     except Stop:
@@ -429,9 +429,9 @@ def _interpret(
 
 
 def _check_process(process: int) -> None:
-    """Ends a process that an extern has forked; `SoterError` X012 if float settings changed."""
+    """Ends a process that an extern forked; raises `SoterError` X012 for changed float settings."""
     end_forked_copy(process)
-    require_plain()
+    require_default_float_rules()
 
 
 def _reset_all(bound: Mapping[str, object], seed: int) -> None:

@@ -34,7 +34,7 @@ CHANGES_MAX = 1000
 
 @dataclass(frozen=True)
 class ExplainedStep:
-    """A DM step with the values on which it decided."""
+    """A DM step with the values that decided it."""
 
     words: list[str]
     why: DecisionReason
@@ -42,7 +42,7 @@ class ExplainedStep:
 
 @dataclass(frozen=True)
 class ComponentFaults:
-    """The step faults of a component: their count, the last kind, the first time in s."""
+    """The step faults of a component: how many, the last kind, and the first time in s."""
 
     count: int
     last: str
@@ -83,7 +83,7 @@ def _operand_json(o: Operand) -> object:
 
 
 def component_faults(run: Run) -> dict[str, ComponentFaults]:
-    """The step faults of each component that had any, by its name."""
+    """Maps each component that had step faults to these faults."""
     faults_by_component = {}
     for x in run.system.components:
         row = run.final["components"][x.index]
@@ -115,7 +115,7 @@ def final_values(run: Run) -> dict[str, object]:
 
 
 def truth_value(layout: StateLayout, plant: Component, raw: bytes | memoryview) -> Value:
-    """A plant's true state in the bytes of a state, as a value of its `truth` type."""
+    """The true state of a plant, read from the bytes of a state."""
     assert plant.plant is not None
     places = [layout.member(plant.index, i) for i in range(len(plant.plant.states))]
     return tuple([decode_from(raw, offset, t) for offset, t in places])

@@ -73,7 +73,7 @@ if TYPE_CHECKING:
 
 
 def write_log(run: Run, path: str | Path, version: str) -> Path:
-    """Writes the log of a traced run to `path`; `SoterError` D006 if it cannot be written."""
+    """Writes the log of a traced run to `path`; raises `SoterError` D006 if that fails."""
     trace = run.require_trace()
     log = RunLog(Path(path), version)
     log.begin(run.system, run.layout, run.seed, run.engine, run.externs)
@@ -85,11 +85,11 @@ def write_log(run: Run, path: str | Path, version: str) -> Path:
 
 
 class RunLog:
-    """The log of a run, written while it goes on: block by block of states.
+    """The log of a run, written during the run in blocks of states.
 
-    `path`: the file, or a function from the system to it. Its methods raise no errors: `problem` is
-    the SoterError D006 if the log could not be written. `unfinished`: unfinished logs beside it, of
-    earlier runs whose processes died.
+    `path`: the file, or a function from the system to it. The methods raise no errors: `problem` is
+    the SoterError D006 if the log could not be written. `unfinished`: unfinished logs in the same
+    folder, from earlier runs whose processes died.
     """
 
     def __init__(self, path: Path | Callable[[System], Path], version: str) -> None:
@@ -109,7 +109,7 @@ class RunLog:
         engine: str,
         externs: Mapping[str, str],
     ) -> None:
-        """Prepares the log of a run; the file is first opened for the first states."""
+        """Prepares the log of a run; the file is opened when the first states arrive."""
         self._system, self._layout = system, layout
         self._explainer = Explainer(system, layout)
         self.path = self.path(system) if callable(self.path) else self.path
@@ -144,14 +144,14 @@ class RunLog:
         changes: Sequence[ChangeSeen],
         looks: StepLateness = MappingProxyType({}),
     ) -> None:
-        """Logs the next states, (n,), their changes of mode, and how late DMs were (`looks`)."""
+        """Logs the next states, (n,), their changes of mode, and the lateness of DMs (`looks`)."""
         if self.problem is None:
             with self._noting_problem():
                 self._open_log().add(self._block_channels(states, changes, looks))
                 self._earlier = states[-1:].copy()
 
     def end(self, run: Run | None, why: str) -> None:
-        """Ends the log of a run; `why`: the reason if the run did not reach its end, else ""."""
+        """Ends the log of a run; `why` is the reason if the run stopped early, else ""."""
         if self.problem is None:
             hash_ = run.trace_sha256 if run is not None else None
             ended = f"{ABNORMALLY}{why}" if why else "at its end"
@@ -159,7 +159,7 @@ class RunLog:
                 self._open_log().close({"ended": ended, "trace_sha256": hash_ or ""})
 
     def end_by(self, error: BaseException) -> None:
-        """Ends the log of a run that an error ended; a log without states is not written."""
+        """Ends the log of a run that raised an error; a log without states is not written."""
         if self._log is not None:
             self.end(None, type(error).__name__)
 
@@ -184,7 +184,7 @@ class RunLog:
     def _block_channels(
         self, states: npt.NDArray[Any], changes: Sequence[ChangeSeen], looks: StepLateness
     ) -> Iterator[LogChannel]:
-        """Yields the messages that the states add to each channel, in the channels' order."""
+        """Yields the messages that these states add to each channel, in the order of channels."""
         earlier = None if self._earlier is None else self._earlier[0]
         steps = decisions.decision_steps(self._system, states, earlier, self._explainer)
         messages = [
@@ -219,7 +219,7 @@ class RunLog:
     def _chosen_states(
         self, states: npt.NDArray[Any], chosen: npt.NDArray[np.bool_]
     ) -> Iterator[tuple[int, memoryview]]:
-        """Yields time and bytes of the run's first state and of all chosen states."""
+        """Yields time and bytes of all chosen states and of the run's first state."""
         chosen = chosen.copy()
         chosen[:1] |= self._earlier is None
         for row in np.flatnonzero(chosen):
@@ -254,7 +254,7 @@ def _log_step(d: decisions.DecisionStepRecord, look: tuple[int, int] | None) -> 
 
 
 def _topic_message(t: Type, value: object) -> Mapping[str, object]:
-    """The message for a value of a topic: a JSON object in any case."""
+    """The message for a value of a topic, which is always a JSON object."""
     return value if isinstance(t, RecordType) else {"value": value}  # type: ignore[return-value]
 
 
@@ -276,7 +276,7 @@ def _schema(t: Type) -> JsonSchema:
 
 
 def _logged_topics(system: System) -> list[Topic]:
-    """The topics to log: all but those that hold values to publish later."""
+    """The topics to log: all except those that hold values for later publication."""
     return [t for t in system.topics if not t.held]
 
 
@@ -285,8 +285,8 @@ class RecordedRun:
     """The topics and the plants' true states after each instant of a run, by full names.
 
     `published`: the topics that were published at each instant. `before`: the topics before the
-    first instant, if this is a part of a record; None: their defaults. `modes`: time in s, module
-    and new mode of each known change; the first entry of a module is its mode at the start.
+    first instant, if this is a part of a record; None means their defaults. `modes`: time in s,
+    module and new mode of each known change; the first entry of a module is its mode at the start.
     """
 
     times_ns: list[int]
@@ -324,7 +324,7 @@ def record_of_trace(run: Run) -> RecordedRun:
 def _drop_unpublished(record: RecordedRun, system: System) -> None:
     """Removes from the first set in `published` the topics that no component published then.
 
-    A log has a first value of every topic, which may only be its default.
+    A log has a first value of every topic, which may be only a default.
     """
     if not record.published:
         return
@@ -345,7 +345,7 @@ def _published_topics(c: Component) -> list[TopicSymbol]:
 
 
 def read_log(path: Path, system: System) -> RecordedRun:
-    """Reads a log that `soter run --log` wrote of this system; `SoterError` D006."""
+    """Reads a log of this system that `soter run --log` wrote; raises `SoterError` D006."""
     require_log_package()
     types: dict[str, Type] = {t.name: t.type for t in system.topics}
     truths = {f"{c.name}.truth": c for c in system.components if c.plant is not None}
@@ -377,7 +377,7 @@ def read_log(path: Path, system: System) -> RecordedRun:
 
 
 def _logged_value(path: Path, system: System, channel: str, t: Type, message: Any) -> Any:  # noqa: ANN401
-    """The value in a message of a log; `SoterError` D006 if it has none."""
+    """The value in a log message; raises `SoterError` D006 for a message without it."""
     try:
         return from_json(t, message if isinstance(t, RecordType) else message["value"], channel)
     except (ValueShapeError, LookupError, TypeError) as error:
@@ -387,7 +387,7 @@ def _logged_value(path: Path, system: System, channel: str, t: Type, message: An
 def _add_instant(
     record: RecordedRun, topics: dict[str, Any], states: dict[str, Any], fresh: set[str]
 ) -> None:
-    """Adds to the record the values and the publications of the instant that was read last."""
+    """Adds to the record the values and publications of the instant that was last read."""
     if record.times_ns:
         record.published.append(fresh)
         record.topics.append(dict(topics))

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 def decided_rows(system: System, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    """Whether each module's DM has stepped in the instant of each state, (n,): (n, modules)."""
+    """Whether each module's DM stepped in the instant of each of n states: (n, modules)."""
     times_ns = states["header"]["ct"]
     periods = np.array([m.period_ns for m in system.modules], dtype=np.int64)
     due: npt.NDArray[np.bool_] = times_ns[:, np.newaxis] % periods == 0
@@ -60,7 +60,7 @@ def decided_rows(system: System, states: npt.NDArray[Any]) -> npt.NDArray[np.boo
 def moved_rows(
     system: System, module: Module, states: npt.NDArray[Any]
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """The states, (n,), in which AC in control has published, and those its shield moved.
+    """Marks the states in which AC in control published, and those in which a shield moved this.
 
     Both arrays are (n,), and False everywhere if the module has no shield `toward sc`.
     """
@@ -94,19 +94,19 @@ def plain_numbers(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
 
 
 def named_parts(keep: Kept) -> tuple[str, ...] | None:
-    """The names of the parts of a trace to keep; None if all of it, or nothing, is kept."""
+    """The names of the kept parts of a trace; None if the run keeps all of it, or nothing."""
     if isinstance(keep, str):
         return (keep,)
     return tuple(dict.fromkeys(keep)) if isinstance(keep, Collection) else None
 
 
 def keeps_anything(keep: Kept) -> bool:
-    """Whether any part of a trace is kept, even if only the times."""
+    """Whether a run keeps any part of its trace, even if only the times."""
     return named_parts(keep) is not None or bool(keep)
 
 
 def _fields_of_truths(system: System, layout: StateLayout) -> dict[str, str]:
-    """For each `<plant>.truth` the field of a state record that holds it."""
+    """Maps each `<plant>.truth` to the field of a state record that holds it."""
     return {
         f"{system.components[g.owner].name}.truth": field_name_of_group(g)
         for g in layout.groups
@@ -115,7 +115,7 @@ def _fields_of_truths(system: System, layout: StateLayout) -> dict[str, str]:
 
 
 class TraceParts:
-    """Selects parts of a system's states: the header, and the named topics, truths, modules."""
+    """Selects parts of states: the header, and the topics, truths and modules that are named."""
 
     def __init__(
         self, system: System, layout: StateLayout, dtype: np.dtype[Any], names: tuple[str, ...]
@@ -140,7 +140,7 @@ class TraceParts:
         self.dtype: np.dtype[Any] = np.dtype(fields)
 
     def copy_parts(self, states: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """A copy of the selected parts, (n,), of states, (n,)."""
+        """A copy, (n,), of the selected parts of n states."""
         copies = np.empty(len(states), dtype=self.dtype)
         for part in self._whole:
             copies[part] = states[part]
@@ -174,14 +174,14 @@ class ModeChange:
 
 @dataclass(frozen=True)
 class FirstFault:
-    """The first step fault of a component; `latched_ns` is None where it goes on."""
+    """The first step fault of a component; `latched_ns` is None if the component goes on."""
 
     time_ns: int
     latched: bool
 
 
 class Observer:
-    """Gets the states of one run, in order, and keeps the wanted parts of them."""
+    """Receives the states of one run in order, and keeps the wanted parts of them."""
 
     def __init__(
         self,
@@ -194,7 +194,7 @@ class Observer:
         parts: TraceParts | None = None,
         also: Also | None = None,
     ) -> None:
-        """`judge` evaluates modules' `safe`; `parts`: the kept parts of a state, by default all."""
+        """`judge` evaluates `safe` of modules; `parts` selects parts of a state, by default all."""
         self.instants = 0
         self.changes: list[ModeChange] = []
         self.first_faults: dict[int, FirstFault] = {}
@@ -214,7 +214,7 @@ class Observer:
         self._safe = SafeTally(system, judge)
 
     def observe_states(self, rows: Rows) -> None:
-        """Takes the next states, (n, size) bytes; the array may be reused afterwards."""
+        """Receives the next states, (n, size) bytes; the caller may reuse the array afterwards."""
         if len(rows) == 0:
             return
         self.instants += len(rows)
@@ -234,35 +234,35 @@ class Observer:
             self.also(states, self.changes[known:])
 
     def run_fields(self) -> dict[str, Any]:
-        """The fields of a `Run` that come from the observer."""
+        """The fields of a `Run` that the observer provides."""
         names = ("instants", "changes", "first_faults", "decided", "moved_commands", "safe_looks")
         observed = {name: getattr(self, name) for name in names}
         return {"trace": self.trace(), "trace_sha256": self.sha256, **observed}
 
     @property
     def decided(self) -> list[tuple[int, int]]:
-        """By module: the number of DM steps, and of those in which ttf and safer both held."""
+        """For each module the number of DM steps, and how often ttf and safer held together."""
         return [(int(n), int(both)) for n, both in self._decided.T]
 
     @property
     def moved_commands(self) -> list[tuple[int, int]]:
-        """By module: AC's published commands, and those that a shield `toward sc` moved."""
+        """For each module the number of AC's published commands, and how many a shield moved."""
         return [(int(n), int(moved)) for n, moved in self._moved.T]
 
     @property
     def safe_looks(self) -> list[SafeLooks]:
-        """By module: after how many looks of its DM its own `safe` was false."""
+        """For each module how many looks its DM made, and after how many `safe` was false."""
         return self._safe.looks
 
     @property
     def sha256(self) -> str | None:
-        """The SHA-256 of all states so far; None if it was not asked for."""
+        """The SHA-256 of all states so far; None if the run is not hashed."""
         return self._digest.hexdigest() if self._digest is not None else None
 
     def trace(self) -> npt.NDArray[Any] | None:
         """All states, or their parts, as records, (instants,); None if they were not kept.
 
-        To be called once, at the end.
+        It may be called only once, at the end.
         """
         if self._kept is None:
             return None
@@ -326,7 +326,7 @@ class Observer:
     def _states_to_explain(
         self, states: npt.NDArray[Any], earlier: Rows | None, row: int
     ) -> tuple[bytes | None, bytes] | None:
-        """The states before and after an instant; None once there is no room for more."""
+        """The states before and after an instant; None if the room for such states is used up."""
         known = len(self.changes)
         if known >= EXPLAINED_MAX or 2 * known * states.dtype.itemsize > EXPLAINED_BYTES:
             return None

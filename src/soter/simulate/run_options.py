@@ -51,7 +51,7 @@ SEED = whole(0, 2**64 - 1, "seed")
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """The options of a run; those of the command line alone have `keyword=False`."""
+    """The options of a run; `keyword=False` marks options of the command line only."""
 
     system: str | None = option("--system S", None, "by default the only one, or the `default`")
     until: float | str | None = option(
@@ -129,7 +129,7 @@ _NUMBER = re.compile(r"[+-]?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,3})?")
 
 
 def until_ns(until: float | str) -> int:
-    """The length of a run in ns; `SoterError` U001 unless it is a time longer than zero."""
+    """The length of a run in ns; raises `SoterError` U001 unless it is longer than zero."""
     try:
         ns = duration_ns(until)
     except WrongTextError as error:
@@ -140,7 +140,7 @@ def until_ns(until: float | str) -> int:
 
 
 def seed_value(seed: object) -> int:
-    """A seed as an int, from any whole number; `SoterError` U001 for others."""
+    """A seed as an int; raises `SoterError` U001 unless the seed is a whole number."""
     try:
         number = operator.index(seed)  # type: ignore[arg-type]  # it checks
     except TypeError:
@@ -155,7 +155,7 @@ def seed_value(seed: object) -> int:
 
 
 def param_values(program: TypedProgram, values_by_name: Mapping[str, object]) -> dict[str, Value]:
-    """Checks and converts parameters by full name; `SoterError` U001, U004 with all mistakes."""
+    """Checks and converts all parameters; one `SoterError` U001, U004 reports all mistakes."""
     values: dict[str, Value] = {}
     problems: list[Diagnostic] = []
     for name, value in values_by_name.items():

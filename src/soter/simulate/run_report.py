@@ -52,7 +52,7 @@ JUDGED = " (after the commands that might act at this look)"
 
 
 def tube_pictures(run: Run) -> tuple[LedPicture, ...]:
-    """The tube pictures of modules with `rest`; () without a C compiler or under `order any`."""
+    """Pictures of the tubes of modules with `rest`; () with `order any` or no C compiler."""
     looks = None if run.system.shuffled else compile_looks(run.system)
     if looks is None:
         return ()
@@ -94,7 +94,7 @@ def write_report(
     *,
     self_contained: bool = False,
 ) -> Path:
-    """Writes the report of a traced run, if `self_contained` with its script; D006."""
+    """Writes the report of a traced run, with its script if `self_contained`; raises D006."""
     run.require_trace()
     require_report_package()
     page = report_page(run, title, provenance)
@@ -102,14 +102,14 @@ def write_report(
 
 
 def inline_report(run: Run, title: str, provenance: Mapping[str, str]) -> str:
-    """The report of a traced run as one HTML text; "" if reports cannot be drawn here."""
+    """The report of a traced run as HTML text; "" if plotly is not installed."""
     if find_spec("plotly") is None:
         return ""
     return inline_document(report_page(run, title, provenance))
 
 
 def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPage:
-    """The page of a run."""
+    """The content of the report page of a run."""
     chart = run_chart(run)
     picture = Picture(draw(run.system), tube_pictures(run))
     return ReportPage(
@@ -125,7 +125,7 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
 
 
 def _headline(run: Run) -> str:
-    """The headline: first externs that never answered, then modules whose rest is not shown.
+    """The headline; it names externs that never answered, and modules whose rest is not shown.
 
     It says "system" and "this run", because a system may be called `Proved`.
     """
@@ -140,13 +140,13 @@ def _headline(run: Run) -> str:
 
 
 def _thinned_trace(run: Run) -> npt.NDArray[np.void]:
-    """The trace; of a long run every n-th state."""
+    """The trace of a short run, or every n-th state of a long run."""
     whole = run.require_trace()
     return whole[:: max(1, len(whole) // SAMPLES_MAX)]
 
 
 def run_chart(run: Run) -> Chart:
-    """All signals of a run, thinned to what a screen can show."""
+    """The chart of all signals of a run, with no more points than a screen can show."""
     trace = _thinned_trace(run)
     step = max(1, len(run.require_trace()) // SAMPLES_MAX)
     time_s = trace["header"]["ct"] / 1e9
@@ -180,7 +180,7 @@ def _all_series(run: Run, trace: npt.NDArray[np.void], step: int) -> tuple[Serie
 
 
 def _signal_notes(run: Run) -> Iterator[str]:
-    """Yields notes on what a drawn margin is, and on signals that are left out."""
+    """Yields notes that explain drawn margins and name how many signals are not drawn."""
     for m in run.system.modules:
         if m.looks > 1:
             yield f"margin of {m.name}: for how long AC surely keeps control from then on"
@@ -194,7 +194,7 @@ def _signal_notes(run: Run) -> Iterator[str]:
 
 
 def _share_text(run: Run, module: str) -> str:
-    """A text with AC's share of control, and how often SC took over."""
+    """A text that states AC's share of control and how often SC took over."""
     m = run.modules[module]
     return f"AC in control {m.ac_share:.1%}, SC took over {m.switches_to_sc} {TIMES}"
 
@@ -225,7 +225,7 @@ def _margin_series(run: Run, step: int) -> Iterator[Series]:
 
 
 def _latch_series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
-    """Yields the latch of each module that has one: 1 if it keeps AC from control, else 0."""
+    """Yields a series for each module with a latch: 1 while the latch keeps AC out, else 0."""
     for m in run.system.modules:
         if m.latch is not None:
             latched = decisions.latched_rows(m, trace).astype(float)
@@ -233,7 +233,7 @@ def _latch_series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
 
 
 def _value_series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
-    """The signals of topics and plants."""
+    """Yields the signals of all topics and plants."""
     owned = [(g, run.system.components[g.owner]) for g in run.layout.groups if g.owner >= 0]
     plants = {x.name: trace[field_name_of_group(g)] for g, x in owned if x.plant is not None}
     topics = {topic.name: trace["topics"][topic.name] for topic in run.system.topics}

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Stale:
-    """A topic that was too old; `age_s` is None if it was never published.
+    """A topic that was too old for a DM step; `age_s` is None if it was never published.
 
-    `beside`: a topic read with it that is of a later instant; "": its age is over `max_age`.
+    `beside`: a topic of a later instant that was read with it; "" if it exceeds `max_age` itself.
     """
 
     topic: str
@@ -41,7 +41,7 @@ class Stale:
 def stale_reads(
     system: System, module: Module, stamps: Sequence[int], time_ns: int
 ) -> Iterator[Stale]:
-    """Yields the topics that a DM step at `time_ns` found stale; `stamps`: of all topics, in ns."""
+    """Yields the topics that a DM step at `time_ns` finds stale; `stamps` has all stamps in ns."""
 
     def stale_topic(index: int, max_age_ns: int, beside: str = "") -> Stale:
         age_s = None if stamps[index] == NEVER else (time_ns - stamps[index]) / 1e9

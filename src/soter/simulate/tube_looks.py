@@ -101,7 +101,7 @@ CHECK = "tubes.soter"
 
 @dataclass(frozen=True, eq=False)
 class TubeLook:
-    """The tube of a DM step: `boxes` (k, 3 + 2 n) as in a `LedPicture`; `failed`: the failed part.
+    """The tube of a DM step: `boxes` as in a `LedLook`, and a code for the part that failed.
 
     SC may begin early or late, so boxes overlap in time. They hold all states until SC is at rest.
     """
@@ -111,14 +111,14 @@ class TubeLook:
 
 
 def _predicate_query(m: Module, name: str) -> str:
-    """The C that evaluates whether a module's predicates accept the estimate."""
+    """The C statement that asks whether a module's predicates accept the estimate."""
     ttf, safer = (f"{name}_{p}(state, &nan)" for p in ("ttf", "safer"))
     good = f"!{ttf}" if m.shield is None else f"judged ? !{ttf} : {safer}"
     return f"if (m == {m.index}) {{ good = {good}; }}"
 
 
 class TubeLooks:
-    """The compiled checks of a system's modules; `SoterError`, `OSError` if they do not compile."""
+    """The compiled checks of a system's modules; raises `SoterError`, `OSError` if that fails."""
 
     def __init__(self, system: System, modules: Sequence[Module]) -> None:
         self.modules = modules
@@ -132,7 +132,9 @@ class TubeLooks:
         builder = UnitBuilder(system, lower(system), None)
         unit = builder.build_unit()
         self._dtype = state_dtype(unit.layout)
-        source = _watch_functions(unit.source.replace(INCLUDED, f"{INCLUDED}{WATCH}", 1), builder)
+        source = _with_watched_functions(
+            unit.source.replace(INCLUDED, f"{INCLUDED}{WATCH}", 1), builder
+        )
         for m in self.modules:
             early = early_topics(system, m.dm)
             self._late[m.index] = [t.name for t in system.topics if t.index not in early]
@@ -144,9 +146,9 @@ class TubeLooks:
     def follow_tube(
         self, module: int, before: bytes | None, at: bytes, *, judged: bool = False
     ) -> TubeLook:
-        """The tube of the DM step in the instant that ended in the state `at`, after `before`.
+        """Computes the tube of the DM step in the instant that led from state `before` to `at`.
 
-        The check covers any command, or, in a module that judges commands and if `judged`, only the
+        The check covers any command. In a module that judges commands, `judged` limits it to the
         judged ones.
         """
         state = np.frombuffer(at, dtype=self._dtype).copy()
@@ -163,7 +165,7 @@ class TubeLooks:
         return TubeLook(boxes, failed.value)
 
     def failure_words(self, module: Module, led: TubeLook) -> str:
-        """Says which part of a tube failed, and where; if none did, when SC comes to rest."""
+        """Says which part of a tube failed and where, or else when SC comes to rest."""
         until = float(led.boxes[:, 2].max(initial=0.0))
         if led.failed == GOOD:
             return f"SC would be at rest {until:.3g} s after the estimate at the latest"
@@ -182,7 +184,7 @@ class TubeLooks:
 
 
 def compile_looks(system: System) -> TubeLooks | None:
-    """The compiled checks of modules with `rest` and one plan; None if none can be compiled."""
+    """Compiles the checks of modules with `rest` and one plan; None if that is impossible."""
     modules = [m for m in followed_modules(system) if m.computed]
     with contextlib.suppress(SoterError, OSError):
         return TubeLooks(system, modules) if modules else None
@@ -190,7 +192,7 @@ def compile_looks(system: System) -> TubeLooks | None:
 
 
 def followed_modules(system: System) -> list[Module]:
-    """The modules whose DM follows SC through a tube: with `rest`, and one plan."""
+    """The modules whose DM follows SC through a tube: those with `rest` and one plan."""
     return [m for m in system.modules if m.symbol.rest is not None and m.plan is None]
 
 
@@ -213,7 +215,7 @@ def _leaf_names(e: object) -> Iterator[str]:
 
 
 def _query_function(prefix: str, cases: Sequence[str]) -> str:
-    """The C function that Python calls to follow a module's tube."""
+    """The C function that lets Python follow a module's tube."""
     return f"""
 int {prefix}_led(int m, bool judged, const void *state, double *rows, int width, int *failed) {{
   bool nan = false, good = false;
@@ -232,15 +234,17 @@ int {prefix}_led(int m, bool judged, const void *state, double *rows, int width,
 """
 
 
-def _watch_functions(source: str, builder: UnitBuilder) -> str:
+def _with_watched_functions(source: str, builder: UnitBuilder) -> str:
     for f in builder.core.functions:
         if f.span.source.name == CHECK and f.source_name in NOTED:
-            source = _watch_function(source, builder.functions[f.name][0], *NOTED[f.source_name])
+            source = _with_watched_function(
+                source, builder.functions[f.name][0], *NOTED[f.source_name]
+            )
     return source
 
 
-def _watch_function(source: str, name: str, before: str, after: str) -> str:
-    """The C source, in which one function also notes its calls and results."""
+def _with_watched_function(source: str, name: str, before: str, after: str) -> str:
+    """A copy of the C source in which one function also notes its calls and results."""
     signature = rf"^SOTER_INLINE\s+([\w\s]+?)\s{name}\(([^)]*)\)\s*{{$"  # lines end where they like
     found = re.search(signature, source, re.MULTILINE)
     assert found is not None, name

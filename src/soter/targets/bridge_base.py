@@ -17,7 +17,7 @@ from soter.codegen.c_names import field_name
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import mistake
 from soter.language.model.types import FloatType, leaves, show_ns
-from soter.mapping.mapping_errors import wrong_mapping
+from soter.mapping.mapping_errors import wrong_mapping_error
 from soter.mapping.topic_mapping import LogMap, SignalSource, SourcePromise, TopicMap
 from soter.targets import TRUSTED
 from soter.targets.c99 import command_name
@@ -46,7 +46,7 @@ SILENT_PERIODS = 3
 
 
 def sources_by_topic(mapped: Sequence[TopicMap]) -> dict[int, list[tuple[TopicMap, SourcePromise]]]:
-    """The sources of each topic that has several, by its index, the preferred one first."""
+    """Maps each topic that has several sources to these sources, the preferred one first."""
     by_topic: dict[int, list[tuple[TopicMap, SourcePromise]]] = {}
     for m in mapped:
         if m.promise is not None:
@@ -74,7 +74,7 @@ def promise_mistakes(system: System, mapped: Sequence[TopicMap]) -> Iterator[str
 
 
 def _topics_of_stepped_plants(proved: System | None) -> set[str]:
-    """The names of topics that show plants which move in steps (`next`) in the proved system."""
+    """The names of topics that show plants with `next` equations in the proved system."""
     if proved is None:
         return set()
     return {
@@ -113,7 +113,7 @@ def _error_mistakes(
 
 
 def promise_notes(system: System, mapped: Sequence[TopicMap]) -> list[str]:
-    """Notes on how old and how exact each topic of several sources is with each of them."""
+    """Notes on the greatest age and the errors of each source, for topics with several sources."""
     declared = {e.topic: e for e in system.externals}
     lines = []
     for index, sources in sources_by_topic(mapped).items():
@@ -127,7 +127,7 @@ def promise_notes(system: System, mapped: Sequence[TopicMap]) -> list[str]:
 
 
 def _promise_text(topic: Topic, m: TopicMap, promise: SourcePromise) -> str:
-    """The greatest age and the errors that a source promises, in words."""
+    """Describes the greatest age and the errors that a source promises."""
     errors = [
         f"{'.'.join((topic.name, *path)) if path else ''} within {error!r}".strip()
         for path, error in promise.errors.items()
@@ -144,10 +144,10 @@ def _age_text(e: External) -> str:
 def bridged_topics(
     system: System, mapping: LogMap, middleware: str, name: re.Pattern[str] | None
 ) -> tuple[TopicMap, ...]:
-    """The topics of a mapping, in order; SoterError D015 for all that a bridge cannot do with it.
+    """The topics of a mapping, in order; SoterError D015 reports all that a bridge cannot do.
 
-    `name`: what a topic of the middleware may be called; None: it has no names. Of a system that
-    has its plants inside every topic may be carried.
+    `name`: the pattern of the middleware's topic names; None if it has no names. If the system has
+    its plants inside, a bridge may carry every topic.
     """
     outside = {e.topic for e in system.externals}
     outside = outside or {t.index for t in system.topics if t.queue_of is None and not t.held}
@@ -165,20 +165,20 @@ def bridged_topics(
     problems += [p for m in mapping.topics for p in _shared_field_mistakes(m)]
     problems += [*_shared_channel_mistakes(mapping), *promise_mistakes(system, mapping.topics)]
     if problems:
-        raise wrong_mapping(problems)
+        raise wrong_mapping_error(problems)
     return mapping.topics
 
 
 def maps_by_topic(mapped: tuple[TopicMap, ...], middleware: str) -> dict[int, TopicMap]:
-    """The mapping of each topic by its index; SoterError D015 for a topic of several sources."""
+    """The mapping of each topic by its index; SoterError D015 if a topic has several sources."""
     if named := dict.fromkeys(m.topic.name for m in mapped if m.promise is not None):
         why = f"has several `sources`: the bridges of ROS read them, that of {middleware} does not"
-        raise wrong_mapping(f"`{name}` {why}" for name in named)
+        raise wrong_mapping_error(f"`{name}` {why}" for name in named)
     return {m.topic.index: m for m in mapped}
 
 
 def _unmapped_mistakes(system: System, mapping: LogMap) -> Iterator[str]:
-    """Yields a mistake for each topic that comes from the world and is not mapped."""
+    """Yields a mistake for each topic that the outside world must provide but that is unmapped."""
     mapped = {m.topic.index for m in mapping.topics}
     for topic in (system.topics[e.topic] for e in system.externals):
         if topic.driver == "input" and topic.index not in mapped:
@@ -205,7 +205,7 @@ def _message_mistakes(m: TopicMap) -> Iterator[str]:
 
 
 def _direction_mistakes(m: TopicMap) -> Iterator[str]:
-    """Yields a mistake for each word of a mapping that ROS and DDS ignore in this direction."""
+    """Yields a mistake for each mapping entry that ROS and DDS ignore in the topic's direction."""
     if m.topic.driver == "input":
         if m.constants:
             yield f"`{m.topic.name}` comes in, and `set` is of what goes out"
@@ -217,7 +217,7 @@ def _direction_mistakes(m: TopicMap) -> Iterator[str]:
 
 
 def _shared_field_mistakes(mapped: TopicMap) -> Iterator[str]:
-    """Yields a mistake where two leaves go out in the same field, and one would be lost."""
+    """Yields a mistake if two leaves go out in the same field, so that one would be lost."""
     leaf_by_field: dict[str, str] = {}
     if mapped.topic.driver == "input":
         return
@@ -230,7 +230,7 @@ def _shared_field_mistakes(mapped: TopicMap) -> Iterator[str]:
 
 
 def _shared_channel_mistakes(mapping: LogMap) -> Iterator[str]:
-    """Yields a mistake for two topics on one channel: two types, one source, or one goes out."""
+    """Yields a mistake for each pair of topics on one channel that cannot share it."""
     by_channel: dict[str, TopicMap] = {}
     for m in mapping.topics:
         if m.channel is None:
@@ -248,7 +248,7 @@ def _shared_channel_mistakes(mapping: LogMap) -> Iterator[str]:
 
 
 def qos_problems(m: TopicMap, *, inward: bool) -> Iterator[str]:
-    """Yields a mistake for each quality of service that a topic of ROS 2 may not have."""
+    """Yields a mistake for each quality of service that a ROS 2 topic must not have."""
     if inward and m.stamp is None and m.qos.durability == "transient_local":
         yield (
             f"`{m.topic.name}` has no stamp and is `transient_local`: what somebody published long "
@@ -262,7 +262,7 @@ def qos_problems(m: TopicMap, *, inward: bool) -> Iterator[str]:
 
 
 def unmapped_notes(system: System, mapped: Collection[TopicMap], where: str) -> list[str]:
-    """A note that names the topics that go out and are not mapped; none where all are."""
+    """A note that names outgoing topics without a mapping; no note if all are mapped."""
     named = {m.topic.index for m in mapped}
     names = [
         system.topics[e.topic].name
@@ -274,7 +274,7 @@ def unmapped_notes(system: System, mapped: Collection[TopicMap], where: str) -> 
 
 
 class BridgedSystem:
-    """A system, its C (`unit`) and tables of its world; `trusted`: its `posix` package, if any."""
+    """A system with its C (`unit`), the tables of its world, and its `posix` package, if any."""
 
     def __init__(self, system: System, core: CoreSystem, folder: Path) -> None:
         self.system = system
@@ -287,13 +287,13 @@ class BridgedSystem:
 
     @property
     def has_actuators(self) -> bool:
-        """Whether the trusted part has a program of the actuators."""
+        """Whether the trusted part includes an actuator program."""
         return bool(self.system.externals and self.world.granted)
 
     # ------------------------------------------------------------ the trusted folder
 
     def bridge_package(self, files: Sequence[PackageFile], notes: Sequence[str]) -> Package:
-        """The package of a bridge in C: the trusted part, then these files and notes."""
+        """Makes the package of a bridge in C from the trusted part and these files and notes."""
         folder, name = self.trusted.folder, self.unit.prefix
         channels = f"/dev/shm/{name}"  # noqa: S108 - where channels belong
         return Package(
@@ -306,12 +306,12 @@ class BridgedSystem:
         )
 
     def trusted_files(self) -> list[PackageFile]:
-        """The files of the trusted part, with paths from the package's folder."""
+        """The files of the trusted part, with paths relative to the package's folder."""
         return [moved_into_folder(TRUSTED, f) for f in self.trusted.files]
 
     @cached_property
     def trusted_programs(self) -> dict[str, list[str]]:
-        """The flags and sources of each program of the trusted part, seen from the package."""
+        """The flags and sources of each program of the trusted part, relative to the package."""
         return {
             n: [_path_from_package(word) for word in words]
             for n, words in self.trusted.programs.items()
@@ -342,21 +342,21 @@ class BridgedSystem:
         return self.unit.topics[index][0]
 
     def channel_hash(self, index: int) -> str:
-        """The number of a topic's layout, which the head of its channel holds, as C."""
+        """The C number of a topic's layout, which the header of its channel stores."""
         return f"UINT64_C({self.world.number(self.topic(index)):#018x})"
 
     def is_inward(self, index: int) -> bool:
-        """Whether the topic is published outside the system."""
+        """Whether the topic is published by a program outside the system."""
         return self.topic(index).driver == "input"
 
     def silent_ns(self, index: int) -> int:
-        """The time without a value, in ns, after which a channel's writer counts as gone."""
+        """The time without a value, in ns, after which the writer of a channel counts as gone."""
         if index in self.leased:
             return SILENT_OF_LEASED_NS
         return SILENT_PERIODS * max(c.period_ns for c in self.system.components if c.plant is None)
 
     def law_statements(self, index: int) -> list[str]:
-        """C (and C++) that fills `to` with the fail-safe law, or returns false without one."""
+        """Statements that fill `to` with the fail-safe law, or `return false` without a law."""
         lease = self.leased.get(index)
         if lease is None:
             return ["(void)to;", "return false;"]
@@ -371,7 +371,7 @@ class BridgedSystem:
 
 
 def require_world(system: System) -> None:
-    """Raises SoterError U001 for a system that has its plants inside: no mapping changes that."""
+    """Raises SoterError U001 for a system with its plants inside, which has nothing to bridge."""
     if not system.externals:
         text = f"`{system.name}` meets no world: with its plants inside there is nothing to bridge"
         help_ = "`system S deploys ... { external topic t; ... }` (docs/deploy.md)"
@@ -379,12 +379,12 @@ def require_world(system: System) -> None:
 
 
 def moved_into_folder(folder: str, file: PackageFile) -> PackageFile:
-    """The same file, below this folder."""
+    """The same file with its path moved below this folder."""
     return PackageFile(f"{folder}/{file.path}", file.text, file.yours)
 
 
 def _path_from_package(word: str) -> str:
-    """A flag or source of a program in the trusted folder, as seen from the package."""
+    """A flag or source of a trusted program, with its path relative to the package."""
     if word.startswith("-I"):
         return f"-I{TRUSTED}/{word[2:]}" if word != "-I." else f"-I{TRUSTED}"
     return f"{TRUSTED}/{word}" if word.endswith(".c") else word

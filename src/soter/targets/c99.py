@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def texts_with_includes(source: str) -> dict[Path, str]:
-    """The texts, by path, of a C file and of all that it includes from its folder or below."""
+    """Maps the path of a C file, and of its includes in its folder or below, to their texts."""
     root = Path(source).resolve().parent
     return {p: text for p, text in included_files(source).items() if p.is_relative_to(root)}
 
@@ -50,10 +50,10 @@ class ProgramInC:
     """A system as C for every target; externs without C are bound to `externs.c` here.
 
     `unit`: the generated program. `stubs`: the extern nodes that are bound to `externs.c`, by the
-    name of their function; `plants`: the extern plants, which have a function there, too. `linked`:
-    the C files to which other externs are bound. `command`: the name of the package's program.
-    `notes`: what a person has to do before the C is complete, a sentence each. `world`: the C
-    functions that move plants.
+    name of their C function. `plants`: the extern plants, which also have functions in `externs.c`.
+    `linked`: the C files of other externs. `command`: the name of the package's program. `notes`:
+    sentences on what a person must still do to complete the C. `world`: the C functions that move
+    plants.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class ProgramInC:
         apart: frozenset[int] = frozenset(),
         left: frozenset[int] = frozenset(),
     ) -> None:
-        """`apart`: components that do not compute in the state; `left`: see `bind_stubs`."""
+        """`apart`: components that compute outside the state; `left`: as in `bind_stubs`."""
         self.system = system
         self.stubs = bind_stubs(system, left)
         self.unit = generate(system, core, apart=apart)
@@ -75,7 +75,7 @@ class ProgramInC:
         self.world = tuple(f"{name}_step" for name in moved)
 
     def program_files(self, header: str) -> list[PackageFile]:
-        """The program, and the answers of its extern plants; `header`: text of the driver's."""
+        """The files of the program and of its answers for extern plants, with this header text."""
         prefix = self.unit.prefix
         return [
             PackageFile(f"{prefix}.h", self.unit.header),
@@ -92,9 +92,9 @@ class ProgramInC:
 
 
 def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
-    """Makes the package; externs without C are bound to `externs.c` here."""
+    """Makes the C package; externs without C are bound to its `externs.c`."""
     program = ProgramInC(system, core)
-    unit, main = program.unit, _main_name(program.unit)
+    unit, main = program.unit, _main_file_name(program.unit)
     files = [
         *firmware_files(system, unit),
         *program.program_files(app_header(system, unit)),
@@ -129,13 +129,13 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
 
 
 def run_time_files(system: System) -> tuple[str, ...]:
-    """The files of the run-time that a package of the system takes along."""
+    """The names of the run-time files that the system's package needs."""
     faults = (FAULTS,) if system.faults else ()
     return (*KERNEL, *faults, *(LEASES if modules_with_law(system) else ()))
 
 
 def bind_stubs(system: System, left: frozenset[int] = frozenset()) -> dict[str, Component]:
-    """Binds extern nodes that are not C nor in `left` to `externs.c`; gives them by function."""
+    """Binds extern nodes that lack C to `externs.c`, except `left`; returns them by function."""
     unique = UniqueNames()
     component_by_symbol: dict[str, Component] = {}
     for x in system.components:
@@ -149,19 +149,19 @@ def bind_stubs(system: System, left: frozenset[int] = frozenset()) -> dict[str, 
 
 
 def command_name(prefix: str) -> str:
-    """The name of the package's command, which no file, folder or goal of its Makefile has."""
+    """The name of the package's command, different from its files, folders and make goals."""
     taken = re.fullmatch(
         r"(gnu)?makefile|run|clean|lib|all|extern(_\d+)?|worker_\d+", prefix, re.IGNORECASE
     )
     return f"{prefix}_program" if taken else prefix
 
 
-def _main_name(unit: Unit) -> str:
+def _main_file_name(unit: Unit) -> str:
     return "main.c" if unit.prefix != "main" else "soter_main.c"
 
 
 def extern_files(sources: list[str]) -> list[PackageFile]:
-    """Copies of the externs' C; sources whose files clash get folders of their own."""
+    """Copies of the externs' C files; sources with equal file names get separate folders."""
     files: dict[str, str] = {}
     for source in sources:
         root = Path(source).resolve().parent
@@ -181,12 +181,12 @@ def extern_files(sources: list[str]) -> list[PackageFile]:
 
 
 def app_header(system: System, unit: Unit) -> str:
-    """Writes the header that says which program the virtual-time command runs."""
+    """The text of the C header that says which program the virtual-time command runs."""
     return print_file(
         c.CFile(
             (
                 c.FileComment(
-                    (f"{APP}.h: which program {_main_name(unit)} runs, generated by soter",)
+                    (f"{APP}.h: which program {_main_file_name(unit)} runs, generated by soter",)
                 ),
                 c.Guarded("SOTER_APP_H"),
                 c.Include(f"{unit.prefix}.h"),
@@ -207,7 +207,7 @@ def app_header(system: System, unit: Unit) -> str:
 
 
 def app_source(unit: Unit, plants: list[Component]) -> str:
-    """Writes the C that answers extern plants; extern nodes are linked and never due."""
+    """The text of the C that answers for extern plants; extern nodes are linked directly."""
     state = c.Name("state")
     body: list[c.CStmt] = []
     for x in plants:
@@ -261,7 +261,7 @@ def app_source(unit: Unit, plants: list[Component]) -> str:
 
 
 def stubs_text(unit: Unit, nodes: dict[str, Component], plants: list[Component]) -> str:
-    """The text of `externs.c`: a function for each extern, which faults until it is filled in."""
+    """The text of `externs.c`, with a function for each extern that faults until it is written."""
     return print_file(
         c.CFile(
             (
@@ -325,7 +325,7 @@ def _plant_function(unit: Unit, x: Component, body: tuple[c.CStmt, ...] | None) 
 
 
 def unfinished_notes(core: CoreSystem, waiting: list[Component]) -> list[str]:
-    """Notes that name the stubs to fill in and the externs to bind before the C is complete."""
+    """Notes that name the stubs to fill in, and the externs to bind, before the C is complete."""
     notes = []
     if waiting:
         notes.append(f"fill in {STUBS}: {', '.join(x.name for x in waiting)} fail until then")

@@ -48,7 +48,7 @@ LEAST_STACK = 1024
 
 @dataclass(frozen=True)
 class Board:
-    """A board: memory map in bytes, clock of SysTick in Hz, and `qemu`, its machine in QEMU."""
+    """A board: its memory map in bytes, its SysTick clock in Hz, and its QEMU machine (`qemu`)."""
 
     name: str
     text: str
@@ -65,12 +65,12 @@ class Board:
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """The flags that tell gcc the core."""
+        """The flags that tell gcc which core the board has."""
         return CORES[self.core]
 
 
 def read_board(board: str) -> Board:
-    """Reads the board of that name, or in that file; SoterError X017 where there is none."""
+    """Reads a board by its name or its file; raises SoterError X017 if it cannot be found."""
     path = BOARDS / f"{board.replace('-', '_')}.c"
     if not path.is_file():
         path = Path(board)
@@ -91,12 +91,12 @@ def read_board(board: str) -> Board:
 
 
 def board_names() -> list[str]:
-    """The names of the boards that ship."""
+    """The names of the boards that Soter ships."""
     return sorted(p.stem.replace("_", "-") for p in BOARDS.glob("*.c"))
 
 
 def parsed_board(name: str, text: str) -> Board:
-    """The board that the text of a board file describes; SoterError X017 where it is wrong."""
+    """Parses the text of a board file; raises SoterError X017 if it is wrong."""
     defined = DEFINE.findall(text)
     words = {key: word for key, word, number in defined if not number}
     numbers = {key: int(number, 0) for key, _, number in defined if number}
@@ -134,7 +134,7 @@ def _number_problems(numbers: dict[str, int]) -> Iterable[str]:
 
 
 def _word_problems(words: dict[str, str], text: str) -> Iterable[str]:
-    """Yields a problem for each mistake in a board's core, machine in QEMU, or functions."""
+    """Yields a problem for each mistake in a board's core, QEMU machine, or functions."""
     if words.get("CORE") not in CORES:
         yield "`BOARD_CORE` has to be one of " + ", ".join(f'"{core}"' for core in CORES)
     if "QEMU" not in words and re.search(r"define[ \t]+BOARD_QEMU\b", text):
@@ -180,7 +180,7 @@ def _board_error(name: str, why: str, *helps: str, notes: Iterable[str] = ()) ->
 
 @dataclass(frozen=True)
 class Replay:
-    """A run of a system: its end in ns, its seed, and its `trace_sha256` on this machine."""
+    """A run that an image repeats: its end in ns, its seed, its trace's hash on this machine."""
 
     until_ns: int
     seed: int

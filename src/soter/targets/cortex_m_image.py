@@ -51,7 +51,7 @@ TRACE = re.compile(r"^trace_sha256 (\w{64})$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class StepCount:
-    """The instructions in `number` steps of one component, or in those of an extern node's gate."""
+    """How many instructions `number` steps of a component (or an extern node's gate) take."""
 
     name: str
     most: int
@@ -61,7 +61,7 @@ class StepCount:
 
 @dataclass(frozen=True)
 class Image:
-    """The bytes and instructions of an image; None if it was not made or run; `why`: the reason."""
+    """The sizes and instruction counts of an image; `why` says why it was not made or run."""
 
     flash: int | None = None
     ram: int | None = None
@@ -76,7 +76,7 @@ class Image:
     why: str = ""
 
     def text_lines(self) -> list[str]:
-        """The image's memory and instructions, in lines for people, or why there is none."""
+        """The image's memory and instructions in lines for people, or why the image is missing."""
         if self.flash is None:
             return [f"none: {self.why}"]
         lines = [
@@ -96,7 +96,7 @@ class Image:
 
 
 def missing_tool(board: Board) -> str:
-    """The tool for making an image that is missing or too old, in words; "" if none is."""
+    """Describes a tool for the image that is missing or too old; "" if all tools are present."""
     if shutil.which("make") is None:
         return "there is no `make`"
     if shutil.which(CC) is None:
@@ -114,13 +114,13 @@ def missing_tool(board: Board) -> str:
 
 
 def compiler_version() -> str:
-    """The first line that the compiler prints of its version."""
+    """The first line of the compiler's version text."""
     output = run_compiler([CC, "--version"], Path.cwd(), TIMEOUT_S)
     return visible((output.text.splitlines() or [""])[0])
 
 
 def cross_compiler(board: Board) -> Compiler | None:
-    """The compiler of a board with its flags, as the Makefile has them; None if missing."""
+    """The compiler of a board, with the flags of the Makefile; None if a tool is missing."""
     path = shutil.which(CC)
     if path is None or missing_tool(board):
         return None
@@ -128,7 +128,7 @@ def cross_compiler(board: Board) -> Compiler | None:
 
 
 def require_enough_stack(bound: StackBound, board: Board) -> None:
-    """Raises SoterError X015 where the trusted part needs more stack than the board has."""
+    """Raises SoterError X015 if the trusted part needs more stack than the board has."""
     if bound.bytes is None or bound.bytes <= board.stack_bytes:
         return
     over = bound.bytes - board.stack_bytes
@@ -137,7 +137,7 @@ def require_enough_stack(bound: StackBound, board: Board) -> None:
 
 
 def build_image(package: Package, board: Board) -> Image:
-    """Makes the image of a written package and runs it; SoterError X015, X016, X004."""
+    """Builds the image of a written package and runs it; raises SoterError X015, X016, X004."""
     if why := missing_tool(board):
         return Image(why=why)
     done = _run_make(package, package.image)
@@ -167,7 +167,7 @@ def build_image(package: Package, board: Board) -> Image:
 
 
 def _run_in_qemu(package: Package) -> tuple[str, str]:
-    """The output of `make run`, and of the image itself; SoterError X016 if it does not run."""
+    """The output of `make run`, and that of the image; raises SoterError X016 if it fails."""
     ran = run_compiler(["make", "-s", "run"], package.folder, RUN_S)
     if ran.code is None or "it has not ended within" in ran.text:
         raise _run_error(f"the run in QEMU does not end within {LIMIT_S} s")
@@ -180,7 +180,7 @@ def _run_in_qemu(package: Package) -> tuple[str, str]:
 
 
 def _flash_and_ram_bytes(image: Path, board: Board) -> tuple[int, int]:
-    """The bytes of flash, and those of RAM beside the stack."""
+    """The bytes of flash that an image needs, and its bytes of RAM without the stack."""
     output = run_compiler(["arm-none-eabi-size", image.name], image.parent, TIMEOUT_S).text
     text, data, bss = (int(x) for x in output.splitlines()[1].split()[:3])
     return text + data, data + bss - board.stack_bytes
@@ -203,7 +203,7 @@ def _link_error(package: Package, board: Board, text: str) -> SoterError:
 
 
 def _largest_symbols(package: Package, kinds: str) -> list[str]:
-    """The largest symbols of some kinds of `nm`, of an image linked although it is too large."""
+    """The largest symbols of an image that is too large; `kinds` are symbol types of `nm`."""
     _run_make(package, package.image, "CFLAGS=-Os -Wl,--noinhibit-exec")
     words = ["arm-none-eabi-nm", "--print-size", "--radix=d", package.image]
     output = run_compiler(words, package.folder, TIMEOUT_S).text

@@ -37,14 +37,14 @@ PATIENCE_NS = 10**8
 
 @dataclass(frozen=True)
 class LoopTick:
-    """The time between two interrupts in ns; `why`: why there can be no loop, else ""."""
+    """The time between two timer interrupts in ns; `why` says why a loop is impossible, else ""."""
 
     ns: int
     why: str = ""
 
 
 def longest_tick(system: System, board: Board) -> LoopTick:
-    """The longest tick of which every release is a multiple, or why there can be none."""
+    """The longest tick that divides all release times; its `why` says if no tick is usable."""
     times = [n for x in system.components for n in (x.period_ns, x.phase_ns)]
     times += [i.every_ns for i in system.inputs]
     common = gcd(*times)
@@ -68,7 +68,7 @@ def _why_no_loop(system: System) -> str:
 
 
 def loop_tables(system: System, unit: Unit, tick: LoopTick, until_ns: int) -> list[PackageFile]:
-    """Writes header and source of the tables by which the loop runs a program."""
+    """The C header and source of the tables that the loop needs to run a program."""
     nodes, modules = extern_nodes(system), modules_with_law(system)
     names = lease_names(system, unit.prefix)
     context = {

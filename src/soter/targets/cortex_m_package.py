@@ -51,7 +51,7 @@ In `make run-loop` two to LOOP_ICOUNT: hashing a trace takes its share of an ins
 
 
 def replay_end_ns(system: System) -> int:
-    """The time in ns of instant number INSTANTS, or the end of the system if that is earlier."""
+    """The time in ns of the instant number INSTANTS, or the system's end if that is earlier."""
     calendars = [(x.phase_ns, x.period_ns) for x in system.components]
     calendars += [(0, i.every_ns) for i in system.inputs]
     horizon = min(p for _, p in calendars) * INSTANTS
@@ -123,7 +123,7 @@ def _c_files(files: list[PackageFile]) -> list[str]:
 
 
 def _limit_notes(system: System, board: Board, tick: LoopTick) -> list[str]:
-    """Notes for people on what this board does not do for this system, a sentence each."""
+    """Sentences for people on what this board does not do for this system."""
     lawless = [m.name for m in system.modules if not m.law] if system.externals else []
     notes = [
         f"{name} has no fail-safe law: nobody gives leases, and the board is told nothing of it"
@@ -140,5 +140,5 @@ def _limit_notes(system: System, board: Board, tick: LoopTick) -> list[str]:
 
 
 def linker_script(board: Board, ac_bytes: int) -> str:
-    """The linker script of a board, with `ac_bytes` (a power of two) for what is not trusted."""
+    """The linker script of a board; `ac_bytes` (a power of two) is the memory of untrusted code."""
     return filled(f"targets/cortex_m/{SCRIPT}.j2", board=board, ac_bytes=ac_bytes)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from soter.mapping.mapping_errors import wrong_mapping
+from soter.mapping.mapping_errors import wrong_mapping_error
 from soter.mapping.message_types import ARRAY, BASE, SEQUENCE, MessageType, MessageTypes
 from soter.native.shared_library import RUNTIME
 from soter.report.templates import filled
@@ -62,12 +62,12 @@ KEYWORDS = frozenset(_WORDS.split())
 
 
 def dds_type_name(message: MessageType) -> str:
-    """The name of a message's type on the wire."""
+    """The name of a message's type in DDS messages on the network."""
     return "::".join(_name_parts(message.ros2)) + "_"
 
 
 def c_type_name(message: MessageType) -> str:
-    """The name that idlc gives a message's type in C."""
+    """The name that the tool idlc gives a message's type in C."""
     return dds_type_name(message).replace("::", "_")
 
 
@@ -77,7 +77,7 @@ def _name_parts(name: str) -> tuple[str, str, str, str]:
 
 
 def message_idl(messages: Iterable[MessageType]) -> str:
-    """Writes an IDL file with every type that the messages are made of, parts first."""
+    """The text of an IDL file with all types of the messages, each type after its parts."""
     done: dict[str, str] = {}
     for message in messages:
         _add_type_idl(message, message.ros2, done, ())
@@ -139,7 +139,7 @@ SENSOR_DEPTH, DEFAULT_DEPTH = 5, 10
 
 
 def bridge_text(bridged: BridgedSystem, name: str, mapped: dict[int, TopicMap]) -> str:
-    """Writes `NAME_bridge.c`; `mapped`: the mapping by index of a topic."""
+    """The text of `NAME_bridge.c`; `mapped` has the mapping of each topic, by index."""
     world, modules = bridged.world, bridged.system.modules
     lease = {g.module.index: k for k, g in enumerate(world.granted)}
     by_direction: dict[bool, list[dict[str, object]]] = {True: [], False: []}
@@ -160,7 +160,7 @@ def bridge_text(bridged: BridgedSystem, name: str, mapped: dict[int, TopicMap]) 
 
 
 def _topic_values(bridged: BridgedSystem, mapped: TopicMap) -> dict[str, object]:
-    """The template's values for a topic, inward or outward."""
+    """The template's values for a topic, whether it comes in or goes out."""
     index, message, qos = mapped.topic.index, _message_type(mapped), mapped.qos
     inward = bridged.is_inward(index)
     reliable = (qos.reliability or ("best_effort" if inward else "reliable")) == "reliable"
@@ -220,7 +220,7 @@ def _message_type(mapped: TopicMap) -> MessageType:
 
 
 def _stamp_code(mapped: TopicMap, converter: MessageConverter) -> str:
-    """The C expression of the time, in ns, at which a message says that it was measured."""
+    """The C expression for a message's time of measurement in ns."""
     stamp = mapped.stamp
     if stamp is None:
         return "0"
@@ -248,7 +248,7 @@ DIAGNOSTICS = "/diagnostics"
 
 
 def dds_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
-    """The package for DDS; SoterError D015 if the mapping does not fit, U001 with plants inside."""
+    """Makes the DDS package; SoterError D015 for a bad mapping, U001 for plants in the system."""
     require_world(system)
     mapped = maps_by_topic(bridged_topics(system, mapping, "ROS 2, such as `/odom`", TOPIC), "DDS")
     _require_bridgeable(system, mapped)
@@ -288,7 +288,7 @@ def _require_bridgeable(system: System, mapped: dict[int, TopicMap]) -> None:
         inward = system.topics[m.topic.index].driver == "input"
         problems += qos_problems(m, inward=inward)
     if problems:
-        raise wrong_mapping(problems)
+        raise wrong_mapping_error(problems)
 
 
 def _idl_text(system: System, mapped: dict[int, TopicMap]) -> str:

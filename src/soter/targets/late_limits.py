@@ -25,13 +25,13 @@ SHARE = 5
 
 
 def late_limits(system: System) -> tuple[list[int], list[int]]:
-    """Lateness and response of each component in ns, the least of all modules that declare one."""
+    """The allowed lateness and response of each component in ns; the least declaration counts."""
     late = [min(LATE_NS, x.period_ns // SHARE) for x in system.components]
     response = list(late)
     for times, kind in ((late, "late"), (response, "response")):
         declared: dict[int, int] = {}
         for module in system.modules:
-            for index, ns in _times_of_module(system, module, kind):
+            for index, ns in _declared_times(system, module, kind):
                 declared[index] = min(ns, declared.get(index, ns))
         for index, ns in declared.items():
             times[index] = ns
@@ -50,8 +50,8 @@ class AgeLimit:
 def age_limits(system: System, module: Module) -> tuple[AgeLimit, ...]:
     """The age limits of topics with a `max_age` that SC, or a node before the module, reads.
 
-    `dropout` makes each limit longer; `age` may make those of SC shorter. Topics that plants of the
-    system drive are left out: their ages follow from the plants.
+    `dropout` makes each limit longer; `age` may make those of SC shorter. Topics that the system's
+    plants drive have no limit, because the plants determine their ages.
     """
     longer = declared_ns(module, module.symbol.verify.dropout)
     age = module.symbol.verify.age
@@ -66,7 +66,7 @@ def age_limits(system: System, module: Module) -> tuple[AgeLimit, ...]:
     return tuple(ages)
 
 
-def _times_of_module(system: System, module: Module, kind: str) -> list[tuple[int, int]]:
+def _declared_times(system: System, module: Module, kind: str) -> list[tuple[int, int]]:
     verify = module.symbol.verify
     if verify is None:
         return []

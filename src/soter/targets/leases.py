@@ -37,7 +37,7 @@ ENDINGS = ("_command", "_lease", "_law", "_grant", "_budgets", "_node")
 
 @dataclass(frozen=True)
 class ReleaseBudget:
-    """The times of one trusted node in ns: its releases at phase + k period, and delays."""
+    """The release times of a trusted node (phase + k period) and its delays, in ns."""
 
     name: str
     period: int
@@ -53,7 +53,7 @@ class ReleaseBudget:
 
 @dataclass(frozen=True)
 class LeaseTimes:
-    """The times of a module's leases; `budgets`: of its DM, its SC, then the nodes before them.
+    """The times of a module's leases; `budgets` holds its DM, its SC, then the nodes before them.
 
     `undeclared`: the times of DM and SC that are not declared, and count as zero.
     """
@@ -64,14 +64,14 @@ class LeaseTimes:
 
     @property
     def longest(self) -> int:
-        """The time in ns from the release of SC that gives a lease to the lease's end."""
+        """The longest time in ns from a release of SC, which gives a lease, to the lease's end."""
         dm, sc = self.budgets[:2]
         nearest = (sc.phase - dm.phase) % gcd(dm.period, sc.period)
         return sc.period + max(sc.late, dm.latest - nearest) + sc.response
 
 
 def lease_times(system: System, module: Module) -> LeaseTimes:
-    """The times of the leases of a module that has a law; `system` is the one that flies."""
+    """The lease times of a module with a law; `system` is the system that flies."""
     verify = module.symbol.verify
 
     def ns(expr: typed.TypedExpr | None) -> int:
@@ -105,13 +105,13 @@ def modules_with_law(system: System) -> list[Module]:
 
 
 def lease_names(system: System, prefix: str) -> dict[int, str]:
-    """The beginning of the C names of each lease, by module index; `a.b` and `a_b` differ."""
+    """The prefix of the C names of each lease, by module index; `a.b` and `a_b` stay different."""
     unique = FileNames(prefix, ())
     return {m.index: unique.new_family(m.name, ENDINGS) for m in modules_with_law(system)}
 
 
 def upstream_nodes(system: System, module: Module) -> Iterator[Component]:
-    """The nodes that DM and SC depend on, no controllers, in order of declaration."""
+    """The nodes, without controllers, on which DM and SC depend, in order of declaration."""
     wanted = {*module.inputs, *_read_topics(system.components[module.sc])}
     left = [x for x in system.components if x.role == "node" and x.node is not None]
     found: list[Component] = []
@@ -132,7 +132,7 @@ def _read_topics(x: Component) -> list[int]:
 
 
 def lease_files(system: System, prefix: str) -> list[PackageFile]:
-    """Writes the header and both sources of leases; none where no module has a law."""
+    """The C header and both C sources of leases; no files if no module has a law."""
     modules = modules_with_law(system)
     if not modules:
         return []
@@ -217,12 +217,12 @@ def _grant_definitions(times: LeaseTimes, name: str) -> Iterator[c.CTop]:
 
 
 def lease_notes(system: System) -> list[str]:
-    """Notes for people on how long leases are, and on the times that count as zero."""
+    """Notes for people on how long leases last, and on undeclared times, which count as zero."""
     return [lease_note(module, lease_times(system, module)) for module in modules_with_law(system)]
 
 
 def lease_note(module: Module, times: LeaseTimes) -> str:
-    """A note for people on how long a module's leases are, and on its times that count as zero."""
+    """A note on how long a module's leases last, and on undeclared times, which count as zero."""
     text = f"{module.name}: a lease ends {show_ns(times.longest)} after its release at most"
     if times.undeclared:
         zero = ", ".join(times.undeclared)

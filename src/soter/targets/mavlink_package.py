@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.language.model.types import show_ns
-from soter.mapping.mapping_errors import wrong_mapping
+from soter.mapping.mapping_errors import wrong_mapping_error
 from soter.mapping.mavlink_dialects import (
     MAVLINK,
     MavlinkLink,
@@ -70,7 +70,7 @@ _LIMIT = re.compile(r"(U?)INT(8|16|32|64)_MAX")
 
 
 class BridgeSource:
-    """Writes the bridge of one system; `mapped`: its mapping by topic."""
+    """Writes the MAVLink bridge of one system; `mapped` has the mapping of each topic."""
 
     def __init__(
         self, bridged: BridgedSystem, name: str, mapped: dict[int, TopicMap], link: MavlinkLink
@@ -85,7 +85,7 @@ class BridgeSource:
         self.sources = list(dict.fromkeys([link.autopilot, *(p for p in publishers if p)]))
 
     def bridge_text(self) -> str:
-        """Writes `NAME_bridge.c`."""
+        """The text of `NAME_bridge.c`."""
         return filled(
             "targets/mavlink/bridge.c.j2",
             name=self.name,
@@ -148,7 +148,7 @@ def _message_type(mapped: TopicMap) -> MavlinkMessage:
 def _equality_test(
     message: MavlinkMessage, path: str, value: object, converter: MessageConverter
 ) -> str:
-    """The C condition that a field has the value that the mapping gives it in `set`."""
+    """The C condition that a field has the value that the mapping prescribes in `set`."""
     field, kind = converter.field_code(path), message.primitive_type(path)
     if isinstance(value, str):
         return f"({MAVLINK_C.same_text.format(field, text(value))})"
@@ -158,7 +158,7 @@ def _equality_test(
 
 
 def _version_1_refusal(mapped: TopicMap) -> Iterator[str]:
-    """The C that refuses a frame of MAVLink 1 if the mapping reads extensions, which it lacks."""
+    """C statements that refuse MAVLink 1 frames if the mapping reads extension fields."""
     stamp = [mapped.stamp.path] if mapped.stamp is not None else []
     read = {path.partition(".")[0] for path in (*mapped.names, *mapped.constants, *stamp)}
     if read & _message_type(mapped).extensions:
@@ -166,7 +166,7 @@ def _version_1_refusal(mapped: TopicMap) -> Iterator[str]:
 
 
 def _unknown_value_refusals(mapped: TopicMap, converter: MessageConverter) -> Iterator[str]:
-    """The C that refuses a message in which a field has MAVLink's number for "not known"."""
+    """C statements that refuse a message if a field holds MAVLink's number for "not known"."""
     message = _message_type(mapped)
     for name in mapped.names:
         (field, _), *inside = path_steps(message, name, MAVLINK)
@@ -179,7 +179,7 @@ def _unknown_value_refusals(mapped: TopicMap, converter: MessageConverter) -> It
 
 
 def _unknown_value_test(at: str, kind: str, none: str) -> str:
-    """The C condition that a field has the number `none`, MAVLink's for "not known", or ""."""
+    """The C condition that a field holds `none`, MAVLink's number for "not known"; or ""."""
     if kind in FLOATS:
         if none.upper() == "NAN":
             return f"{at} != {at}"
@@ -190,7 +190,7 @@ def _unknown_value_test(at: str, kind: str, none: str) -> str:
 
 
 def _address_statements(mapped: TopicMap) -> Iterator[str]:
-    """The C that sets the receiver and time of a message, unless the mapping does so."""
+    """C statements that set receiver and time of a message, unless the mapping sets them."""
     message = _message_type(mapped)
     filled = {*mapped.names, *mapped.constants}
     stamped = {"target_system": "e->to.system", "target_component": "e->to.component"}
@@ -210,7 +210,7 @@ OF_EVERY_BRIDGE = ("HEARTBEAT", "TIMESYNC")
 
 
 def dialect_headers(dialect: MavlinkDialect, used: Iterable[str]) -> list[PackageFile]:
-    """The headers of a dialect for the messages `used`, by name, and for every bridge."""
+    """The headers of a dialect that a bridge with these messages needs."""
     names = sorted({*OF_EVERY_BRIDGE, *used})
     generated = _generated_headers(dialect.xml, {*PROTOCOL, *map(_header_name, names)})
     files = [PackageFile(f"{FOLDER}/{name}", text) for name, text in sorted(generated.items())]
@@ -229,7 +229,7 @@ def _header_name(message: str) -> str:
 
 
 def _generated_headers(document: bytes, wanted: set[str]) -> dict[str, str]:
-    """The texts, by name, of the `wanted` headers that pymavlink generates from a dialect."""
+    """Maps the name of each `wanted` header that pymavlink generates to its text."""
     from pymavlink.generator import mavgen  # noqa: PLC0415 - an extra
 
     with tempfile.TemporaryDirectory() as place:
@@ -265,7 +265,7 @@ IGNORED: dict[str, dict[int, tuple[str, ...]]] = {
 
 
 def set_point_problems(mapped: TopicMap) -> list[str]:
-    """The mistakes in the `set` and `type_mask` of a set-point that goes out."""
+    """The mistakes in `set` and `type_mask` of an outgoing set-point."""
     message = mapped.message
     bits = IGNORED.get(message.name if message else "")
     if message is None or bits is None:
@@ -303,7 +303,7 @@ SOURCES_MAX, TOPICS_MAX = 16, 64
 
 
 def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
-    """The package for MAVLink; SoterError D015 if the mapping does not fit, U001 with plants."""
+    """Makes the MAVLink package; SoterError D015 for a bad mapping, U001 for plants inside."""
     require_world(system)
     mapped = maps_by_topic(bridged_topics(system, mapping, "MAVLink", None), "MAVLink")
     link = mapping.mavlink
@@ -327,12 +327,12 @@ def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: Log
             headers=[f"src/{n}" for n in (*HEADERS, *COMMON)],
         ),
     ]
-    notes = [*unmapped_notes(system, mapped.values(), "in MAVLink"), *_loss_notes(source)]
+    notes = [*unmapped_notes(system, mapped.values(), "in MAVLink"), *_offboard_loss_notes(source)]
     return bridged.bridge_package(files, notes)
 
 
 def _require_sendable(source: BridgeSource) -> None:
-    """Raises SoterError D015 for a mapping that an autopilot should not get, or cannot answer."""
+    """Raises SoterError D015 for a mapping that an autopilot must not get or cannot answer."""
     problems: list[str] = []
     for m in (*source.inward.values(), *source.outward.values()):
         problems += _middleware_mistakes(m)
@@ -362,11 +362,11 @@ def _require_sendable(source: BridgeSource) -> None:
         if name not in dialect.messages
     ]
     if problems:
-        raise wrong_mapping(problems)
+        raise wrong_mapping_error(problems)
 
 
 def _middleware_mistakes(m: TopicMap) -> Iterator[str]:
-    """Yields a mistake for each word of a topic's mapping that MAVLink does not know."""
+    """Yields a mistake for each entry of a topic's mapping that MAVLink does not support."""
     named = f"`{m.topic.name}`"
     if m.channel is not None:
         yield (
@@ -392,7 +392,7 @@ def _source_mistakes(m: TopicMap) -> list[str]:
 
 
 def _late_law_mistakes(source: BridgeSource) -> list[str]:
-    """The mistakes that the law of a silent trusted part would come after `offboard_loss`."""
+    """The mistakes of topics whose fail-safe law may come later than `offboard_loss`."""
     link = source.link
     problems = []
     for index, m in source.outward.items():
@@ -405,7 +405,7 @@ def _late_law_mistakes(source: BridgeSource) -> list[str]:
     return problems
 
 
-def _loss_notes(source: BridgeSource) -> list[str]:
+def _offboard_loss_notes(source: BridgeSource) -> list[str]:
     link, system = source.link, source.bridged.system
     loss = show_ns(link.offboard_loss_ns)
     notes = [

@@ -54,9 +54,9 @@ FLOATS = ("float32", "float64")
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a language writes a sequence's size and item, a record's member, and sets a text.
+    """The code forms of a language: size and item of a sequence, member, setting a text.
 
-    `set_bounded`: how it sets a text whose length in bytes is bounded, "" if in the same way.
+    `set_bounded`: how it sets a text whose length in bytes is bounded; "" means like any text.
     """
 
     size: str
@@ -81,7 +81,7 @@ CYCLONE = Dialect(
 
 
 class MessageConverter:
-    """Writes the code for a topic and its messages; `message`, `value`: lvalues in that code."""
+    """Writes the code between a topic and its messages; `message` is an lvalue in that code."""
 
     def __init__(self, mapped: TopicMap, ros: int, dialect: Dialect, message: str) -> None:
         if mapped.message is None:
@@ -97,7 +97,7 @@ class MessageConverter:
     # ------------------------------------------------------------ in
 
     def inward_statements(self, value: str) -> list[str]:
-        """Statements that fill a value, and `return false` for a message that lacks something."""
+        """Statements that fill a value, or `return false` if the message lacks a part."""
         lines: list[str] = []
         for name, most in self._indexed_sequences():
             size = self.dialect.size.format(self.field_code(name))
@@ -126,7 +126,7 @@ class MessageConverter:
         return [*self._inward_int_lines(path, t, field, kind, to)]
 
     def _inward_scan_lines(self, path: LeafPath, leaf: NearestSource, to: str) -> Iterable[str]:
-        """The statements that call a function of soter_scan.hpp, which is C++."""
+        """The statements that call a function of soter_scan.hpp, which needs C++."""
         if self.dialect is not CPP:
             problem = "is what is nearest in a scan, which only the bridges of ROS can tell"
             raise unmappable(f"`{self.mapped.leaf_name(path)}` {problem}")
@@ -161,7 +161,7 @@ class MessageConverter:
         yield f"{to} = ({s.c_type}){field};"
 
     def _indexed_sequences(self) -> list[tuple[str, int]]:
-        """The sequences of which the mapping reads elements, each with its greatest index."""
+        """The sequences whose elements the mapping reads, each with the greatest index."""
         most: dict[str, int] = {}
         for name in self.mapped.names:
             if self.type.field_at(name, self.ros).through != "sequence":
@@ -177,7 +177,7 @@ class MessageConverter:
     # ------------------------------------------------------------ out
 
     def outward_statements(self, value: str) -> list[str]:
-        """Statements that fill a message from a value; SoterError D015 for a scan."""
+        """Statements that fill a message from a value; raises SoterError D015 for a scan."""
         lines = []
         for path, leaf in self.mapped.leaves.items():
             if isinstance(leaf, NearestSource):
@@ -227,7 +227,7 @@ class MessageConverter:
         raise unmappable(f"`set` of `{self.mapped.topic.name}`: {constant!r} is no `{kind}`")
 
     def _text_statement(self, name: str, texts: Iterable[str], code: str) -> str:
-        """The statement that sets a text to `code`, which is one of `texts`."""
+        """The statement that sets a text field to `code`, whose value is one of `texts`."""
         bound = text_bound(self.type, name, self.ros) if self.dialect.set_bounded else 0
         long = [t for t in texts if bound and len(t.encode("utf-8", "surrogatepass")) > bound]
         if long:
@@ -238,7 +238,7 @@ class MessageConverter:
     # ------------------------------------------------------------ names
 
     def field_code(self, name: str) -> str:
-        """The code of a field of the message."""
+        """The code that accesses a field of the message."""
         code = self.message
         for part, step in path_steps(self.type, name, self.ros):
             form = {
@@ -250,7 +250,7 @@ class MessageConverter:
         return code
 
     def number_stamp_code(self, stamp: StampSource) -> str:
-        """The code of the time of measurement, in ns, where a message's stamp is a number."""
+        """The code for the time of measurement in ns, from a stamp that is a plain number."""
         unit = f"{stamp.unit_ns.numerator}, {stamp.unit_ns.denominator}"
         return f"soter_ns_of_number((long double){self.field_code(stamp.path)}, {unit})"
 
@@ -267,7 +267,7 @@ class MessageConverter:
 
 
 def topic_tests(topic: Topic, value: str) -> list[str]:
-    """C++ conditions that the trusted part accepts a value: it is finite and in the topic's set."""
+    """C++ conditions for values that the trusted part accepts: finite and in the topic's set."""
     tests = []
     for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
         field = f"{value}{MessageConverter.leaf_code(path)}"
@@ -302,7 +302,7 @@ def _int_code(value: int, *, unsigned: bool = False) -> str:
 
 
 def text_literal(text: str) -> str:
-    """A text as a literal of C and C++, with all but plain letters as octal bytes."""
+    """A text as a C and C++ literal, in which all but plain letters become octal bytes."""
     plain = frozenset(b" -./:_")
     letters = [
         chr(b) if b in plain or (chr(b).isalnum() and b < 128) else f"\\{b:03o}"
@@ -312,10 +312,10 @@ def text_literal(text: str) -> str:
 
 
 def unmappable(why: str) -> SoterError:
-    """The SoterError D015 for a mapping that no bridge can carry out."""
+    """The SoterError D015 for a mapping that no bridge can implement."""
     return mistake("D015", why)
 
 
 def refusal_code(condition: str) -> tuple[str, str, str]:
-    """The C (and C++) statements that refuse a message where a condition holds."""
+    """C (and C++) statements that refuse a message if a condition holds."""
     return f"if ({condition}) {{", "  return false;", "}"

@@ -17,7 +17,7 @@ from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import ReadError, read_bytes
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
-from soter.report.atomic_write import atomic_write, own_path
+from soter.report.atomic_write import atomic_write, path_without_links
 from soter.report.templates import filled
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ BYTES_MAX = 2**28
 
 @dataclass(frozen=True)
 class PackageFile:
-    """A file: its path in the package, its text; `yours`: made once, then the person's."""
+    """A file of a package. If it is `yours`, soter writes it once and then the user keeps it."""
 
     path: str
     text: str
@@ -46,7 +46,7 @@ class PackageFile:
 
 
 def filled_file(path: str, template: str, /, **context: object) -> PackageFile:
-    """The file made from a template below this folder, which also gets the flags of its C."""
+    """A package file made from a template in this folder; the template also gets the C flags."""
     text = filled(
         f"targets/{template}.j2",
         **context,
@@ -58,7 +58,7 @@ def filled_file(path: str, template: str, /, **context: object) -> PackageFile:
 
 
 def shipped_file(source: Path, folder: str = "") -> PackageFile:
-    """A file of the run-time as it is, in `folder` (with its slash) of a package."""
+    """A run-time file, copied unchanged into `folder` (with its slash) of a package."""
     return PackageFile(f"{folder}{source.name}", source.read_text("utf-8"))
 
 
@@ -66,8 +66,8 @@ def shipped_file(source: Path, folder: str = "") -> PackageFile:
 class Package:
     """The files that a target writes, with notes for the person who builds them.
 
-    `written` and `kept` are filled by `write`: paths in `folder`. `build_package` sets `target`, as
-    the package of one target may be made from that of another.
+    `write` fills `written` and `kept` with paths in `folder`. `build_package` sets `target`,
+    because one target may make its package from that of another.
     """
 
     folder: Path
@@ -93,7 +93,7 @@ class Package:
     """The claims that a deployed system inherits, as a document; empty for others."""
 
     def write(self) -> Package:
-        """Writes everything; SoterError D006, D008, the latter before anything is written."""
+        """Writes all files; raises SoterError D006, or D008 before anything is written."""
         if foreign := [f.path for f in self.files if not f.yours and self._is_foreign(f)]:
             names = ", ".join(f"`{name}`" for name in foreign[:5])
             raise mistake(
@@ -113,7 +113,7 @@ class Package:
         return self
 
     def _is_foreign(self, file: PackageFile) -> bool:
-        """Whether another file has this path: neither as soter wrote it, nor as it would now."""
+        """Whether this path holds a file that soter neither wrote before nor would write now."""
         path = self.folder / file.path
         try:
             digest = hashlib.sha256(read_bytes(path, BYTES_MAX)).hexdigest()
@@ -124,7 +124,7 @@ class Package:
         return digest not in {self._earlier_digests().get(file.path), _text_digest(file.text)}
 
     def _earlier_digests(self) -> dict[str, str]:
-        """The digests that an earlier build noted, by path; {} if there was no build."""
+        """The file digests that an earlier build noted, by path; {} without an earlier build."""
         try:
             noted = json.loads(read_bytes(self.folder / MANIFEST))
         except (OSError, ValueError, RecursionError):
@@ -133,7 +133,7 @@ class Package:
 
     def _write_file(self, name: str, text: str) -> None:
         try:
-            with atomic_write(own_path(self.folder, name)) as stream:
+            with atomic_write(path_without_links(self.folder, name)) as stream:
                 stream.write(text.encode("utf-8", "surrogatepass"))
         except OSError as error:
             raise _write_error(self.folder / name, error) from error
@@ -149,7 +149,7 @@ def _write_error(path: Path, error: OSError) -> SoterError:
 
 @dataclass(frozen=True)
 class Target:
-    """A target: the function that makes its package, and what it needs beside system and Core."""
+    """A target: the function that makes its package, and the further inputs that it needs."""
 
     make: str
     """`MODULE:FUNCTION`, imported when it is needed; called with (system, core, folder), and with a
@@ -189,13 +189,13 @@ def build_package(
     *,
     write: bool = True,
 ) -> Package:
-    """Writes the package of a target; SoterError U001 without such a target, or a mapping.
+    """Makes the package of a target; raises SoterError U001 for unknown targets or wrong options.
 
-    `mapping`: as `soter.mapping.read_mapping.make_log_map` gives it. `more`: files that the package
-    has besides, whatever the target. `onto`: a board, and the run that an image of it repeats.
+    `mapping`: as `soter.mapping.read_mapping.make_log_map` gives it. `more`: further files of the
+    package, for any target. `onto`: a board, and the run that an image of it repeats.
 
-    `system`, `core`: with every binding to C entered (`native/extern_bindings.py`); whatever else
-    an extern is bound to does not leave this machine.
+    `system`, `core`: with every binding to C entered (`native/extern_bindings.py`); other bindings
+    of externs do not leave this machine.
     """
     require_options(target, mapping=mapping is not None, board=onto is not None)
     others = onto or (() if mapping is None else (mapping,))

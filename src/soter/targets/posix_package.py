@@ -69,7 +69,7 @@ FOR_EVER = 2**61
 
 @dataclass(frozen=True)
 class Worker:
-    """An extern node: its exchange, and the program that answers for it ("": any command)."""
+    """An extern node, its exchange, and the program that answers for it ("" for any command)."""
 
     component: Component
     exchange: Exchange
@@ -83,7 +83,7 @@ class Worker:
 
 
 def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
-    """The package; SoterError X008 for an extern node that cannot be a process of its own."""
+    """Makes the POSIX package; SoterError X008 if an extern node cannot be a separate process."""
     require_separable(system)
     nodes = extern_nodes(system)
     elsewhere = frozenset(x.index for x in nodes if is_answered_by_python(x.binding))
@@ -120,14 +120,14 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
 
 
 def _run_time_files(system: System) -> list[PackageFile]:
-    """The C files that ship, of the kernel and of the driver."""
+    """The shipped C files of the kernel and of the driver."""
     kernel = dict.fromkeys((*c99.run_time_files(system), *LEASES))
     driver = (shipped_file(POSIX / n) for n in (*CHANNEL, *OUTSIDE, *DRIVER))
     return [*(shipped_file(RUNTIME / n) for n in kernel if n not in ELSEWHERE), *driver]
 
 
 def _python_node_note(name: str) -> str:
-    """A note about an extern node whose program is no part of the package."""
+    """A note about an extern node whose program is not part of the package."""
     return (
         f"{name} is Python: `soter run --real-time` starts it; this program alone has SC,"
         f" unless --worker {name}=COMMAND starts another worker"
@@ -135,12 +135,12 @@ def _python_node_note(name: str) -> str:
 
 
 def extern_nodes(system: System) -> list[Component]:
-    """The extern nodes of a system: each has a process of its own."""
+    """The extern nodes of a system, each of which has a separate process."""
     return [x for x in system.components if x.extern and x.node is not None]
 
 
 def require_separable(system: System) -> None:
-    """Raises SoterError X008 for extern nodes that cannot compute apart from the state."""
+    """Raises SoterError X008 for extern nodes that cannot compute outside the state."""
     diagnostics = Diagnostics()
     for x in extern_nodes(system):
         assert x.node is not None
@@ -154,7 +154,7 @@ def require_separable(system: System) -> None:
 
 
 def fields_read(system: System, unit: Unit, x: Component) -> tuple[tuple[str, str], ...]:
-    """The field in C, and the member among the topics, of each topic that an extern node reads."""
+    """For each topic that an extern node reads, its C field and its member among the topics."""
     assert x.node is not None
     fields = (field_name(name) for name, _ in request_fields(system, x))
     members = (unit.topics[x.scope.topics[s.topic]][1] for s in x.node.subscribes)
@@ -178,7 +178,7 @@ def _worker_of_node(program: c99.ProgramInC, x: Component) -> Worker:
 def _add_programs_beside(
     files: list[PackageFile], program: c99.ProgramInC, workers: list[Worker], world: WorldTables
 ) -> dict[str, list[str]]:
-    """Adds the files of workers and actuators; gives the sources of each of their programs."""
+    """Adds the files of workers and actuators; returns the sources of each added program."""
     built = [w for w in workers if w.program]
     if built:
         files.append(shipped_file(POSIX / WORKER))
@@ -194,7 +194,7 @@ def _add_programs_beside(
 def _add_worker_files(
     files: list[PackageFile], unit: Unit, built: list[Worker]
 ) -> dict[str, list[str]]:
-    """Adds the files of workers; gives the sources of each of their programs."""
+    """Adds the files of workers; returns the sources of each added program."""
     sources_by_program = {}
     for number, w in enumerate(built, 1):
         folder = f"worker_{number}"
@@ -241,7 +241,7 @@ def _template_values(
 
 
 def flight_head(system: System, layout: StateLayout) -> dict[str, str]:
-    """The entries of a recording, beside its seed, that tell which program flew."""
+    """The entries of a recording that identify the program that flew."""
     return {
         "program_sha256": system.program.sha256,
         "system": system.name,
@@ -251,5 +251,5 @@ def flight_head(system: System, layout: StateLayout) -> dict[str, str]:
 
 
 def _include_flag(sources: list[str]) -> list[str]:
-    """The flag by which a worker finds its own header, or none."""
+    """The compiler flag with which a worker finds its header; [] if it has no header."""
     return [f"-I{PurePath(s).parent}" for s in sources if s.startswith("worker_")][:1]

@@ -63,7 +63,7 @@ LAUNCH = {1: (".launch", ".launch.xml"), 2: (".launch.py", ".launch.py")}
 
 @dataclass(frozen=True)
 class RosPackage:
-    """The values for the templates; `simulated`: sources of the simulation, beside its node."""
+    """The values for the templates of a ROS package; `simulated` has the simulation's sources."""
 
     version: int
     name: str
@@ -75,7 +75,7 @@ class RosPackage:
 
     @property
     def packages(self) -> list[str]:
-        """The packages of ROS whose messages are used, and those that every bridge needs."""
+        """The ROS packages whose messages are used, and those that every bridge needs."""
         used = {m.message.package for m in self.mapped if m.message}
         return sorted({*NEEDED[self.version], *used})
 
@@ -88,18 +88,18 @@ class RosPackage:
 
     @property
     def scripts(self) -> list[str]:
-        """The scripts that start the programs of the trusted folder, and that arm the actuators."""
+        """The scripts that start the trusted programs and that arm the actuators."""
         return ["scripts/in_channels", *(["scripts/arm"] if self.bridged.has_actuators else [])]
 
     def template_file(self, path: str, template: str, **more: object) -> PackageFile:
-        """A file of the package, from a template."""
+        """A file of the package, filled from a template."""
         return filled_file(
             path, f"ros/{template}", p=self, name=self.name, bridged=self.bridged, **more
         )
 
 
 def ros_files(p: RosPackage, *, tested: bool) -> list[PackageFile]:
-    """The build and launch files; `tested`: whether a catkin package has `test/`."""
+    """The build and launch files; `tested` says whether a catkin package has a `test/` folder."""
     folder, (end, template) = FOLDER[p.version], LAUNCH[p.version]
     files = [
         p.template_file("package.xml", "package.xml"),
@@ -116,7 +116,7 @@ def ros_files(p: RosPackage, *, tested: bool) -> list[PackageFile]:
 
 
 def ros_package_name(prefix: str) -> str:
-    """A name that catkin takes: letters, digits and underscores, in lower case, a letter first."""
+    """A name that catkin accepts: lower-case letters, digits and underscores, a letter first."""
     name = re.sub(r"[^a-z0-9_]", "_", prefix.lower())
     return name if name[:1].isalpha() else f"soter_{name}"
 
@@ -142,7 +142,7 @@ def _publishers(p: RosPackage) -> list[str]:
 
 
 def rostest_files(p: RosPackage) -> list[PackageFile]:
-    """The files of a catkin package's test; none where `why_untested` has a reason."""
+    """The files of a catkin package's test; none if `why_untested` gives a reason."""
     if why_untested(p):
         return []
     document = json.dumps(_test_document(p), indent=1) + "\n"
@@ -155,7 +155,7 @@ def rostest_files(p: RosPackage) -> list[PackageFile]:
 
 
 def _awaited_topics(p: RosPackage) -> list[TopicMap]:
-    """The incoming topics for which the trusted part waits: not those that only ACs read."""
+    """The incoming topics for which the trusted part waits, without those that only ACs read."""
     return [m for m in p.mapped if p.bridged.world.is_awaited(m.topic)]
 
 
@@ -205,13 +205,13 @@ def _stand_in(m: TopicMap) -> dict[str, object]:
 
 
 def _unit_ns(m: TopicMap) -> float:
-    """The unit in ns of a stamp that is a number; 0 for a stamp that is a time."""
+    """The unit in ns of a numeric stamp; 0 if the stamp is a time."""
     assert m.stamp is not None
     return float(m.stamp.unit_ns) if m.stamp.kind == "number" else 0.0
 
 
 def _value_off_default(t: Type, value: Value, high: float) -> Value:
-    """A value of the set other than the default, as the default is often the fail-safe law."""
+    """A value of the set that differs from the default, which is often the fail-safe law."""
     if not isinstance(t, FloatType) or not math.isfinite(high):
         return value
     assert isinstance(value, float)
@@ -219,7 +219,7 @@ def _value_off_default(t: Type, value: Value, high: float) -> Value:
 
 
 def _ring_scan(leaf: NearestSource) -> dict[str, object]:
-    """The fields of a scan of one full turn in which nothing is near."""
+    """The fields of a scan of one full turn that sees nothing near."""
     step = 2.0 * math.pi / RAYS
     far = 2.0 * leaf.most
     ends = {"angle_min": -math.pi, "angle_max": math.pi - step, "angle_increment": step}
@@ -227,7 +227,7 @@ def _ring_scan(leaf: NearestSource) -> dict[str, object]:
 
 
 def _expected_fields(m: TopicMap, law: Value) -> dict[str, object]:
-    """The fields of a message that holds the law; {} where none of them is a number."""
+    """The fields of a message that holds the law's value; {} if no field is a number."""
     assert m.message is not None
     fields = {
         leaf.name: _message_field(t, leaf, value)
@@ -275,10 +275,10 @@ OF_BOTH = (
 
 
 def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
-    """The package for ROS 1; SoterError D015 where the mapping does not fit.
+    """Makes the ROS 1 package; raises SoterError D015 if the mapping does not fit.
 
-    `mapping`: which topic is which message. For a system that meets the world it needs all topics
-    that come in. A system with its plants inside has only the node under /clock.
+    `mapping` says which topic is which message. If the system meets the world, the mapping needs
+    all incoming topics. A system with its plants inside gets only the node under /clock.
     """
     package, ros = _package_and_values(system, core, folder, mapping, 1)
     why = why_untested(ros)
@@ -296,7 +296,7 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
 
 
 def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
-    """The package for ROS 2; parameters and errors as of `ros1_package`."""
+    """Makes the ROS 2 package; parameters and errors are as for `ros1_package`."""
     package, ros = _package_and_values(system, core, folder, mapping, 2)
     package.files += ros_files(ros, tested=True)
     launch = ros.name if system.externals else f"{ros.name}_simulation"
@@ -310,7 +310,7 @@ def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
 def _package_and_values(
     system: System, core: CoreSystem, folder: Path, mapping: LogMap, version: int
 ) -> tuple[Package, RosPackage]:
-    """The package without the files of a build system, and the values for those files."""
+    """The package without build-system files, and the template values for these files."""
     mapped = bridged_topics(system, mapping, "ROS", TOPIC)
     bridged = BridgedSystem(system, core, folder)
     simulated = c99_package(system, core, folder)

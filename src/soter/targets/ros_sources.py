@@ -68,7 +68,7 @@ def message_md5() -> str:
 
 
 def message_files(package: str) -> list[PackageFile]:
-    """The message `ModuleStatus` of a package, and its C++."""
+    """The files of the message `ModuleStatus` of a package, with its C++ code."""
     return [
         PackageFile(f"msg/{MESSAGE}.msg", message_definition()),
         PackageFile(f"src/{package}_module_status.hpp", _message_class(package)),
@@ -90,7 +90,7 @@ def _message_class(package: str) -> str:
 
 
 def include_path(message: MessageType, version: int) -> str:
-    """The header of a message in C++, as `#include` names it."""
+    """The path of a message's C++ header, as an `#include` names it."""
     if version == 1:
         return f"{message.package}/{message.name}.h"
     return f"{message.package}/msg/{snake_case(message.name)}.hpp"
@@ -103,7 +103,7 @@ def snake_case(name: str) -> str:
 
 
 class NodeSources:
-    """Writes the nodes of a system; `mapped`: its topics, an entry for each source of a topic."""
+    """Writes the nodes of a system; `mapped` has an entry for each source of each topic."""
 
     def __init__(
         self, bridged: BridgedSystem, name: str, mapped: Sequence[TopicMap], version: int = 1
@@ -114,7 +114,7 @@ class NodeSources:
         self.mapped = mapped
 
     def topics_text(self) -> str:
-        """Writes `NAME_topics.hpp`."""
+        """The text of `NAME_topics.hpp`."""
         messages = [m.message for m in self.mapped if m.message]
         return self._filled_template(
             "topics.hpp",
@@ -125,7 +125,7 @@ class NodeSources:
         )
 
     def bridge_text(self) -> str:
-        """Writes `NAME_bridge.cpp`."""
+        """The text of `NAME_bridge.cpp`."""
         world = self.bridged.world
         return self._filled_template(
             "bridge.cpp",
@@ -139,7 +139,7 @@ class NodeSources:
         )
 
     def simulation_text(self) -> str:
-        """Writes `NAME_simulation.cpp`."""
+        """The text of `NAME_simulation.cpp`."""
         return self._filled_template("simulation.cpp")
 
     def _filled_template(self, template: str, **more: object) -> str:
@@ -170,7 +170,7 @@ class NodeSources:
         }
 
     def _topic_values(self, mapped: TopicMap) -> dict[str, object]:
-        """The template's values for the traits of a topic, or of one source of it."""
+        """The template's values for the traits of a topic, or of a single source of the topic."""
         index, version, message = mapped.topic.index, self.version, mapped.message
         if message is None or not message.exists_in(version):
             named = message.ros1 if message else "no type"
@@ -223,7 +223,7 @@ class NodeSources:
 
 
 def _qos_code(mapped: TopicMap, *, inward: bool) -> str:
-    """The C++ expression of the QoS in ROS 2; SoterError D015 where it is not allowed."""
+    """The C++ expression of the ROS 2 QoS; raises SoterError D015 if the QoS is not allowed."""
     qos = mapped.qos
     for problem in qos_problems(mapped, inward=inward):
         raise unmappable(problem)
@@ -235,9 +235,9 @@ def _qos_code(mapped: TopicMap, *, inward: bool) -> str:
 
 
 def _stamp_code(stamp: StampSource | None, converter: MessageConverter, *, scanned: bool) -> str:
-    """The C++ expression of the time, in ns, at which a message says that it was measured.
+    """The C++ expression for a message's time of measurement in ns.
 
-    A scan is stamped with its first ray, and what is nearest in it is as old as the last one.
+    A scan has the stamp of its first ray, but its nearest reading may be as old as its last ray.
     """
     if stamp is None:
         return "0"

@@ -22,13 +22,13 @@ RELEASES_MAX = 100_000
 
 @dataclass(frozen=True)
 class Takeover:
-    """The longest time in ns until SC's output after a request that AC does not answer rightly.
+    """The longest time in ns from a request that AC does not answer rightly to SC's output.
 
-    A request is made at a release of AC and its budget is a period: at the next release at the
-    latest the driver sees that there is no answer. The DM decides at its next release from then on,
-    SC steps at its own next one, the same instant included in either case (AC's answer is looked at
-    first, then come DMs, then SCs). `turn`: the longest time from the request to that release of
-    SC, over all releases of AC. `work`: how late SC's step and the decision before it may end.
+    A request is made at a release of AC and its budget is a period, so the driver sees a missing
+    answer at the next release at the latest. The DM decides at its next release, and SC steps at
+    its next one after that; both may be in the same instant (an instant looks at AC's answer, then
+    runs DMs, then SCs). `turn`: the longest time from the request to that release of SC, over all
+    releases of AC. `work`: how late SC's step and the decision before it may end.
     """
 
     module: str
@@ -37,12 +37,12 @@ class Takeover:
 
     @property
     def longest(self) -> int:
-        """The bound, if nothing in the trusted thread is later than `work` says."""
+        """The bound in ns, valid if nothing in the trusted thread is later than `work`."""
         return self.turn + self.work
 
     @property
     def bound_text(self) -> str:
-        """The bound in words."""
+        """A phrase that states the bound."""
         return (
             f"{self.module}: the first output of SC comes at most {show_ns(self.longest)} after a "
             f"request that AC does not answer ({show_ns(self.turn)} until it is SC's turn, "
@@ -51,7 +51,7 @@ class Takeover:
 
 
 def takeover_bounds(system: System) -> list[Takeover]:
-    """The bounds of all modules whose AC is an extern node."""
+    """The takeover bounds of all modules whose AC is an extern node."""
     late, response = late_limits(system)
     bounds = []
     for m in system.modules:
@@ -64,7 +64,7 @@ def takeover_bounds(system: System) -> list[Takeover]:
 
 
 def longest_turn(ac: Component, dm: Component, sc: Component) -> int:
-    """The longest time in ns from a release of AC to that of the SC that stands in for it."""
+    """The longest time in ns from a release of AC to the release of SC that replaces its answer."""
     hyper = lcm(ac.period_ns, dm.period_ns, sc.period_ns)
     if hyper // ac.period_ns > RELEASES_MAX:
         return ac.period_ns + dm.period_ns + sc.period_ns + max(dm.phase_ns, sc.phase_ns)
@@ -76,5 +76,5 @@ def longest_turn(ac: Component, dm: Component, sc: Component) -> int:
 
 
 def _first_release_from(c: Component, time: int) -> int:
-    """The first release of a component at a time or after it."""
+    """The first release of a component at `time` or later."""
     return max(c.phase_ns, time + (c.phase_ns - time) % c.period_ns)

@@ -43,13 +43,13 @@ HEAD_BYTES = 24
 
 
 def _status_word_count(part: str) -> int:
-    """How many words the trusted part's report has for each module or lease, by its C header."""
+    """How many words the trusted part's report has per module or lease, read from a C header."""
     header = (RUNTIME / "posix" / "soter_status.h").read_text(encoding="utf-8")
     return int(re.findall(rf"#define SOTER_STATUS_{part} (\d+)\n", header)[0])
 
 
 def channel_document(system: System) -> dict[str, object]:
-    """The content of `channels.json`: all topics with a channel; `set`: a pair a leaf, or None."""
+    """The content of `channels.json`, which describes all topics that have a channel."""
     names = short_topic_names(system)
     return {
         "schema": CHANNELS_SCHEMA,
@@ -73,7 +73,7 @@ def channel_document(system: System) -> dict[str, object]:
 
 
 def channel_document_files(system: System) -> list[PackageFile]:
-    """The file `channels.json`; none where no topic has a channel."""
+    """The file `channels.json`; no file if no topic has a channel."""
     document = channel_document(system)
     if not document["topics"]:
         return []
@@ -81,32 +81,37 @@ def channel_document_files(system: System) -> list[PackageFile]:
 
 
 def topic_layout_number(topic: Topic) -> int:
-    """The number of the layout of a topic's value, which the head of its channel holds."""
+    """The number that identifies the layout of a topic's value in the head of its channel."""
     return number_of_layout(described_type(topic.type))
 
 
 def number_of_layout(layout: object) -> int:
-    """The first 64 bits of the SHA-256 of a layout as `described_type` gives it."""
+    """The first 64 bits of the SHA-256 of a layout, which `described_type` gives."""
     text = json.dumps(layout, sort_keys=True, separators=(",", ":"))
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
 
 
-def slow_nodes(system: System, module: Module) -> list[str]:
-    """The parts of a module's leases whose steps take time; with any, it has no leases."""
+def lease_parts_taking_time(system: System, module: Module) -> list[str]:
+    """The parts of a module's leases whose steps take time; any such part rules out leases."""
     of = {x.name: x for x in system.components}
     parts = [of[b.name] for b in lease_times(system, module).budgets]
     return [x.name for x in parts if x.held is not None]
 
 
 def _topics_with_channel(system: System) -> list[Topic]:
-    """The topics that meet the world, then the outputs of modules that have leases."""
-    by_lease = [i for m in modules_with_law(system) if not slow_nodes(system, m) for i in m.outputs]
+    """The topics that meet the world, followed by the outputs of modules with leases."""
+    by_lease = [
+        i
+        for m in modules_with_law(system)
+        if not lease_parts_taking_time(system, m)
+        for i in m.outputs
+    ]
     outside = [e.topic for e in system.externals if e.topic not in by_lease]
     return [system.topics[i] for i in dict.fromkeys((*outside, *by_lease))]
 
 
 def _value_range(t: Type, bound: Bound | None) -> list[float] | None:
-    """The least and the greatest value of a number, within its type; None without bounds."""
+    """The least and greatest value of a number, also limited by its type; None without bounds."""
     if not isinstance(t, IntType):
         return None if bound is None else [bound.low, bound.high]
     if bound is None:
@@ -116,7 +121,7 @@ def _value_range(t: Type, bound: Bound | None) -> list[float] | None:
 
 @dataclass(frozen=True)
 class CommandedTopic:
-    """An output of a module, its field in the command, and its member among the topics in C."""
+    """An output of a module, with its field in the command and its member among the C topics."""
 
     topic: Topic
     field: str
@@ -139,25 +144,25 @@ class LeasedModule:
 
     @property
     def channel(self) -> str:
-        """The name of the channel of the module's commands, which no topic has."""
+        """The name of the channel for the module's commands, which differs from all topic names."""
         return f"{self.short}.lease"
 
     @property
     def number(self) -> int:
-        """The number of the layout of the channel's messages."""
+        """The number that identifies the layout of the channel's messages."""
         types = [described_type(o.topic.type) for o in self.outputs]
         return number_of_layout({"lease": self.channel, "head": HEAD_BYTES, "of": types})
 
     @property
     def message_words(self) -> int:
-        """How many words of 8 bytes a message has; every output begins at a word."""
+        """How many 8-byte words a message has; every output begins at a word."""
         return _word_count(HEAD_BYTES) + sum(
             _word_count(size_of(o.topic.type)) for o in self.outputs
         )
 
 
 class WorldTables:
-    """The tables of a system that meets the world; `unit`: its C."""
+    """The tables of a system that meets the world; `unit` is the system's C."""
 
     def __init__(self, system: System, unit: Unit) -> None:
         self.system = system
@@ -174,7 +179,7 @@ class WorldTables:
     def _add_lease_of_module(self, module: Module) -> None:
         times = lease_times(self.system, module)
         index = {x.name: x.index for x in self.system.components}
-        if slow := slow_nodes(self.system, module):
+        if slow := lease_parts_taking_time(self.system, module):
             self.notes.append(
                 f"{module.name}: no leases in real time: a step of {', '.join(slow)} takes time"
             )
@@ -199,33 +204,33 @@ class WorldTables:
 
     @property
     def value_words(self) -> int:
-        """How many words of 8 bytes the longest exchanged value has."""
+        """How many 8-byte words the longest exchanged value has."""
         topics = (_word_count(size_of(t.type)) for t in self.topics)
         return max([1, self.message_words, *topics])
 
     @property
     def message_words(self) -> int:
-        """How many words of 8 bytes the longest message with a lease has."""
+        """How many 8-byte words the longest message with a lease has."""
         return max((g.message_words for g in self.granted), default=0)
 
     @property
     def most_watched(self) -> int:
-        """How many components a grant watches, at most: DM, SC and nodes of one module."""
+        """The largest number of components (DM, SC and nodes of a module) that a grant watches."""
         return max([1, *(len(g.components) for g in self.granted)])
 
     @property
     def moves_plants(self) -> bool:
-        """Whether the system has plants, so that commands must come back into the state."""
+        """Whether the system has plants, so that commands must return into the state."""
         return any(x.plant is not None for x in self.system.components)
 
     @staticmethod
     def number(topic: Topic) -> int:
-        """The number of the layout of a topic's value, which the head of its channel holds."""
+        """The number that identifies the layout of a topic's value in the head of its channel."""
         return topic_layout_number(topic)
 
     @property
     def status_number(self) -> int:
-        """The number of the layout of the trusted part's report on itself."""
+        """The number that identifies the layout of the trusted part's report."""
         modules = [m.name for m in self.system.modules]
         leases = [g.module.name for g in self.granted]
         return number_of_layout(
@@ -238,13 +243,13 @@ class WorldTables:
 
     @property
     def actuators_number(self) -> int:
-        """The number of the layout of the actuators' report on themselves."""
+        """The number that identifies the layout of the actuators' report."""
         return number_of_layout({"actuators": [g.module.name for g in self.granted]})
 
     def is_awaited(self, t: Topic) -> bool:
-        """Whether the start waits for a topic: one that comes in, and that not only ACs read.
+        """Whether the start waits for a topic, which must come in and not be read by ACs only.
 
-        An acknowledgement alone is not awaited: without one SC keeps control.
+        A start does not wait for an acknowledgement, because SC keeps control without it.
         """
         readers = {
             x.role for x in self.system.components if x.node is not None and t.index in x.reads
@@ -257,7 +262,7 @@ class WorldTables:
     # ------------------------------------------------------------ the actuators
 
     def actuator_files(self) -> list[PackageFile]:
-        """The files of the actuators' program; none where no module has a lease."""
+        """The files of the actuator program; no files if no module has a lease."""
         if not self.granted:
             return []
         files = (self._filled_file(n, n) for n in APP)
@@ -268,7 +273,7 @@ class WorldTables:
         return filled_file(path, f"posix/{template}", **of)
 
     def actuator_sources(self) -> list[str]:
-        """The C files that the program of the actuators is made of."""
+        """The C files of the actuator program."""
         law = f"{self.unit.prefix}_lease.c"
         return [
             *(n for n in (*ACTUATOR, *OUTSIDE, *STATUS_TEXT) if n.endswith(".c")),
@@ -279,13 +284,13 @@ class WorldTables:
 
     @property
     def topics_with_channel(self) -> list[Topic]:
-        """The topics on which other programs speak or listen."""
+        """The topics that other programs publish or read."""
         topics = {t.index: t for t in self.topics}
         topics |= {o.topic.index: o.topic for g in self.granted for o in g.outputs}
         return [*topics.values()]
 
     def channel_files(self) -> list[PackageFile]:
-        """The header for other programs; none where no topic has a channel."""
+        """The C header for other programs; no file if no topic has a channel."""
         name = f"{self.unit.prefix}_channels.h"
         return [self._filled_file(name, "channels.h")] if self.topics_with_channel else []
 

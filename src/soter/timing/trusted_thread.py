@@ -52,7 +52,7 @@ SHOWN = 24
 class Task:
     """A task of the thread, released at phase + k period, up to `jitter` late; all in ns.
 
-    `wcet`: how long it takes at most; `deadline`: by when it has to end, from its release.
+    `wcet`: its longest execution time; `deadline`: the time from its release to its latest end.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Task:
 
 @dataclass(frozen=True)
 class ScheduledStep:
-    """One step of a schedule: of task number `task`, release number `number`; times in ns."""
+    """A step of the task with index `task`, for its release with this `number`; times in ns."""
 
     task: int
     number: int
@@ -76,10 +76,10 @@ class ScheduledStep:
 
 @dataclass(frozen=True)
 class Miss:
-    """A step that ends after its deadline, in the schedule in which all is as late as it may be.
+    """A step that ends after its deadline, in the schedule with the greatest lateness everywhere.
 
-    `steps`: the ones before it, itself the last; `left_out`: how many, from the last time that the
-    thread had nothing to do, are not shown.
+    `steps`: the steps before it, then the step itself. `left_out`: how many earlier steps, since
+    the thread last had nothing to do, are not among them.
     """
 
     steps: tuple[ScheduledStep, ...]
@@ -96,7 +96,7 @@ class Miss:
 class WorstResponse:
     """The latest start and end of one task over all executions, in ns from its release.
 
-    `at`: the time of the release whose step ends latest.
+    `at`: the release time of the step that ends latest.
     """
 
     start: int
@@ -108,9 +108,9 @@ class WorstResponse:
 class Analysis:
     """The latest start and end of each task of the thread, or the first miss of a deadline.
 
-    `worst`: one for each task, in order: reached if `exact`, else not exceeded; () if unknown. With
-    a `miss` they are those seen until then, None for tasks not yet released. The thread is busy for
-    at most `work` of each `hyperperiod` ns. Not exact, no miss, not in time: undecided.
+    `worst`: an entry for each task, in order: exact if `exact`, else an upper bound; () if unknown.
+    With a `miss`: the values up to it, None for tasks not released. The thread is busy for at most
+    `work` ns in each `hyperperiod` ns. Neither exact nor a miss nor in time means undecided.
     """
 
     worst: tuple[WorstResponse | None, ...]
@@ -123,11 +123,11 @@ class Analysis:
 def analyse_thread(
     tasks: Sequence[Task], watch: Callable[[ScheduledStep], None] | None = None
 ) -> Analysis:
-    """The latest start and end of every task; `tasks` in the order in which an instant runs them.
+    """Analyses the latest start and end of every task; `tasks` are in the order of an instant.
 
-    `watch` is called with each step of the schedule in which all is as late as it may be, as far as
-    that is followed. Every later step starts and ends no later after its release than a step of the
-    same task that was passed on. If the result is not exact, `watch` is not called.
+    `watch` is called with each step of the schedule with the greatest lateness, as far as the
+    analysis follows that schedule. No later step starts or ends later, after its release, than a
+    step of the same task that was passed on. If the result is not exact, `watch` is not called.
     """
     if not tasks:
         return Analysis((), None, exact=True, work=0, hyperperiod=1)
@@ -157,7 +157,7 @@ def analyse_thread(
 
 
 def _releases_between(tasks: Sequence[Task], low: int, high: int) -> list[tuple[int, int]]:
-    """Every release in [low, high), with its task, in the order in which the thread works."""
+    """All releases in [low, high), as (time, task), in the order in which the thread works."""
     releases = []
     for i, t in enumerate(tasks):
         at = max(t.phase, low + (t.phase - low) % t.period)
@@ -166,7 +166,7 @@ def _releases_between(tasks: Sequence[Task], low: int, high: int) -> list[tuple[
 
 
 class _Thread:
-    """The thread in the schedule in which everything is as late as it may be."""
+    """The state of the thread in the schedule in which everything is as late as possible."""
 
     def __init__(
         self, tasks: Sequence[Task], watch: Callable[[ScheduledStep], None] | None
@@ -180,11 +180,11 @@ class _Thread:
         self.since = 0
 
     def work_left(self, at: int) -> int:
-        """The work, in ns, that the thread still has to do at a time."""
+        """The work, in ns, that the thread still has to do at the time `at`."""
         return max(0, self.free - at)
 
     def run_releases(self, shift: int, releases: Iterable[tuple[int, int]]) -> None:
-        """Runs these releases, each `shift` ns later, up to the first that misses its deadline."""
+        """Runs these releases, shifted by `shift` ns, until a step misses its deadline."""
         for at, i in releases:
             task, release = self.tasks[i], at + shift
             ready = release + task.jitter
@@ -213,10 +213,10 @@ def _skip_hyperperiods(
 ) -> int:
     """Skips hyperperiods in which no deadline is missed yet; returns their length in ns.
 
-    In the last one, which began at the instants of `window` plus `shift`, the work that was left
-    grew by all of `more`, what there is to do in it less its length. So the thread had something to
-    do all the time, and every end was the sum of the work before it. That remains so: each
-    hyperperiod everything ends `more` later.
+    In the last hyperperiod, which began at the instants of `window` plus `shift`, the remaining
+    work grew by `more`, the excess of its work over its length. So the thread was never idle, and
+    every end was the sum of the work before it. This stays true: in each hyperperiod everything
+    ends `more` later.
     """
     slacks, end = [], thread.free
     for t, i in reversed(window):
@@ -231,7 +231,7 @@ def _skip_hyperperiods(
 
 
 def _first_miss(tasks: Sequence[Task], work: int, hyperperiod: int) -> Analysis | None:
-    """The first missed deadline in the first RELEASES_MAX steps; None if there is none."""
+    """The first missed deadline among the first RELEASES_MAX steps; None without a miss."""
     horizon = int(RELEASES_MAX / sum(Fraction(1, t.period) for t in tasks))
     thread = _Thread(tasks, None)
     thread.run_releases(0, _releases_between(tasks, 0, horizon))
@@ -242,13 +242,13 @@ def _first_miss(tasks: Sequence[Task], work: int, hyperperiod: int) -> Analysis 
 
 
 def _bound_responses(tasks: Sequence[Task], work: int, hyperperiod: int) -> Analysis:
-    """A bound where a hyperperiod has too many steps.
+    """Bounds the responses if a hyperperiod has too many steps for an exact analysis.
 
-    A step of release t ends, in the schedule in which all is as late as it may be, at some t - l +
-    J + the work of a run of steps released in [t - l, t], l >= 0 and J the jitter of the first of
-    them. In a time of length l a task has at most l // T + 1 releases, ends included. So it ends at
-    most B after t, the greatest of J + sum (l // T + 1) C - l over all l, J the greatest jitter;
-    and it starts when the one before it has ended, or its own release has come.
+    With the greatest lateness everywhere, a step of release t ends at some t - l + J + the work of
+    a run of steps released in [t - l, t], for some l >= 0 and the jitter J of the first of them. In
+    a time of length l a task has at most l // T + 1 releases, ends included. So the step ends at
+    most B after t, the maximum of J + sum (l // T + 1) C - l over all l, with J the greatest
+    jitter. It starts when the step before it has ended, or at its release.
     """
     unknown = Analysis((), None, exact=False, work=work, hyperperiod=hyperperiod)
     if work >= hyperperiod:
@@ -273,7 +273,7 @@ TOLD = 8
 class ThreadComponent:
     """A component of the thread.
 
-    `worst`: its latest start and end, which are bounds where the analysis is not exact.
+    `worst`: its latest start and end, which are only bounds if the analysis is not exact.
     """
 
     component: Component
@@ -290,9 +290,9 @@ class ThreadComponent:
 class Timing:
     """The analysis of a system with its declared execution times.
 
-    `missing`: components of the thread without a `wcet`. They count as if they needed no time: a
-    miss is certain all the same, but nothing else is decided. `elsewhere`: nodes that run in
-    processes of their own. The thread is busy for at most `work` of each `hyperperiod` ns.
+    `missing`: components of the thread without a `wcet`. They count as if they took no time: a miss
+    is certain nevertheless, but nothing else is decided. `elsewhere`: nodes in separate processes.
+    The thread is busy for at most `work` ns in each `hyperperiod` ns.
     """
 
     system: str
@@ -306,7 +306,7 @@ class Timing:
 
     @property
     def verdict(self) -> str:
-        """FITS, MISSES or UNDECIDED."""
+        """The verdict FITS, MISSES or UNDECIDED."""
         if self.miss is not None:
             return MISSES
         slacks = [r.slack for r in self.rows]
@@ -315,7 +315,7 @@ class Timing:
         return FITS
 
     def row(self, component: Component) -> ThreadComponent | None:
-        """The row of a component, by its name; None if it does not run in the thread."""
+        """The row of this component; None if it does not run in the thread."""
         return next((r for r in self.rows if r.component.name == component.name), None)
 
 
@@ -333,10 +333,10 @@ def _component_task(c: Component) -> Task:
 def timing_of(
     system: System, watch: Callable[[Component, ScheduledStep], None] | None = None
 ) -> Timing | None:
-    """The analysis of a flat system; None if it declares no execution time and no jitter.
+    """Analyses a flat system; None if it declares neither execution times nor jitter.
 
-    A component without `wcet` counts as if it needed no time. A deadline is the next release.
-    `watch` is called with each step and its component, as `analyse_thread` calls it.
+    A component without `wcet` counts as if it took no time. A deadline is the next release. `watch`
+    is called with each step and its component, as `analyse_thread` calls it.
     """
     mine = [c for c in system.components if c.in_thread]
     if all(c.wcet_ns is None and not c.jitter_ns for c in mine):
@@ -357,7 +357,7 @@ def timing_of(
 
 
 def schedule_lines(timing: Timing) -> list[str]:
-    """A line of text for each of the last steps before a miss, and for the step that misses."""
+    """Lines of text for the last steps before a miss and for the step that misses."""
     if timing.miss is None:
         return []
     steps = timing.miss.steps[-TOLD:]
@@ -373,7 +373,7 @@ def schedule_lines(timing: Timing) -> list[str]:
 
 
 def report_miss(timing: Timing, diagnostics: Diagnostics) -> None:
-    """Reports R034 if a deadline is missed, with the schedule that misses it."""
+    """Reports R034 with the schedule if a deadline is missed."""
     miss = timing.miss
     if miss is None:
         return

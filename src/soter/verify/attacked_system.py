@@ -35,8 +35,8 @@ class NotAttackableError(Exception):
 def attacked_system(system: System, module: int, controller: str = DRAWN) -> System:
     """The system in which an adversary attacks the property "safe on the true state" of a module.
 
-    Raises `NotAttackableError` where `safe` reads a topic that no plant drives, or where the AC's
-    outputs have no sets to draw from (`controller` = DRAWN).
+    Raises `NotAttackableError` if `safe` reads a topic that no plant drives, or if the AC's outputs
+    have no sets to draw from (with `controller` = DRAWN).
     """
     m = system.modules[module]
     watched = _system_with_drawn_inputs(_system_watching_safe(system, m), m)
@@ -44,14 +44,14 @@ def attacked_system(system: System, module: int, controller: str = DRAWN) -> Sys
 
 
 def true_topics_known_ns(system: System) -> int:
-    """The time in ns from which on every true topic of an attacked system has been published."""
+    """The time in ns from which on all true topics of an attacked system have values."""
     return max((c.phase_ns for c in system.components if c.plant is not None), default=0)
 
 
 def may_read_time(system: System, module: int) -> bool:
     """Whether anything in the closed system may depend on the time.
 
-    It is cautious: every function of the program counts, whether it is called or not.
+    The check is cautious: it looks at every function of the program, called or not.
     """
     m = system.modules[module]
     roots: list[object] = [m.symbol.ttf, m.symbol.safer]
@@ -68,7 +68,7 @@ def may_read_time(system: System, module: int) -> bool:
 
 
 def _system_watching_safe(system: System, module: Module) -> System:
-    """The system with one property: `safe` over twins of its topics without measurement errors."""
+    """A copy of the system with one property: `safe` on topics without measurement errors."""
     safe, scope = module.symbol.safe, module.scope
     seen = {}
     for symbol in topic_reads(safe):
@@ -79,7 +79,7 @@ def _system_watching_safe(system: System, module: Module) -> System:
 
 
 def _system_with_twin(system: System, symbol: typed.TopicSymbol, index: int) -> tuple[System, int]:
-    """The system with a twin of topic `index` that shows the true value; the twin's index."""
+    """A copy of the system where a twin of topic `index` shows true values; also its index."""
     for c in system.components:
         if c.plant is None:
             continue
@@ -111,7 +111,7 @@ def _system_with_driven_twin(
 
 
 def _system_with_drawn_inputs(system: System, module: Module) -> System:
-    """The system whose free inputs take values of their sets, a new one each module period."""
+    """A copy of the system that draws free inputs from their sets, anew in each module period."""
     already = {i.topic for i in system.inputs}
     for t in system.topics:
         if (
@@ -124,7 +124,7 @@ def _system_with_drawn_inputs(system: System, module: Module) -> System:
 
 
 def _system_with_drawn_controls(system: System, module: Module) -> System:
-    """The system whose AC publishes, at each step, values drawn from its outputs' sets."""
+    """A copy of the system whose AC publishes values drawn from the sets of its outputs."""
     ac = system.components[module.ac]
     node = ac.node
     assert node is not None, ac.name
@@ -157,7 +157,7 @@ def _system_with_drawn_controls(system: System, module: Module) -> System:
 
 
 def _can_be_drawn(topic: Topic) -> bool:
-    """Whether every leaf of a topic has a bounded set; a list has no fixed leaves."""
+    """Whether every leaf of a topic has a bounded set; False for lists, which lack fixed leaves."""
     leaf_types = list(leaves(topic.type))
     return len(leaf_types) == len(topic.bounds) and all(
         "[]" not in path and (bound is not None or not isinstance(t, FloatType))

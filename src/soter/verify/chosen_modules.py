@@ -31,7 +31,7 @@ NO_FAULTS = "nothing goes wrong of what the `faults` of system {} say"
 
 
 def refuse_forced_modules(chosen: list[tuple[System, Module]]) -> None:
-    """Raises `SoterError` R019 for a forced module: the theorem needs a DM that switches."""
+    """Raises `SoterError` R019 for a forced module, as the theorem needs a DM that switches."""
     diagnostics = Diagnostics()
     for flat, m in chosen:
         if m.forced is not None:
@@ -59,7 +59,7 @@ def _systems_by_preference(checked: CheckResult, params: Mapping[str, Value]) ->
 def modules_of(
     checked: CheckResult, module: str | None, system: str | None, params: Mapping[str, Value]
 ) -> list[tuple[System, Module]]:
-    """The modules to verify, each in a flat system that has it; `SoterError` U008 for none."""
+    """The modules to verify, each in a flat system with it; `SoterError` U008 if none matches."""
     _refuse_deployed_system(checked, system)
     names = [system] if system else _systems_by_preference(checked, params)
     modules: list[tuple[System, Module]] = []
@@ -80,7 +80,7 @@ def modules_of(
 
 
 def _forces_a_module(checked: CheckResult, system: str, params: Mapping[str, Value]) -> bool:
-    """Whether a system forces a module; the default system counts as one that does not."""
+    """Whether a system forces a module into a mode; False for the default system."""
     return any(m.forced for m in system_to_prove(checked, system, params, exact=False).modules)
 
 
@@ -106,7 +106,7 @@ def _no_module_diagnostic(module: str, known: list[str]) -> Diagnostic:
 
 
 def modules_in_every_view(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:
-    """Every module once for each of its views; `SoterError` with all diagnostics at once."""
+    """Every module once for each of its views; a single `SoterError` has all diagnostics."""
     views: list[tuple[System, Module]] = []
     diagnostics = Diagnostics()
     for flat, m in chosen:
@@ -120,7 +120,7 @@ def modules_in_every_view(chosen: list[tuple[System, Module]]) -> list[tuple[Sys
 
 
 def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
-    """The problem of every module; `SoterError` with all diagnostics at once."""
+    """The verification problem of every module; a single `SoterError` has all diagnostics."""
     problems: list[Problem] = []
     refused: list[Diagnostic] = []
     names = dict.fromkeys(m.name for _, m in chosen)
@@ -141,7 +141,7 @@ def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
 def chosen_problems(
     checked: CheckResult, module: str | None, system: str | None, params: Mapping[str, Value]
 ) -> tuple[list[tuple[System, Module]], list[Problem]]:
-    """The modules to verify, in every view, and their problems; `SoterError` as `problems_of`."""
+    """The modules to verify, in every view, and their problems; raises `SoterError`."""
     assert checked.program is not None
     chosen = modules_of(checked, module, system, params)
     refuse_forced_modules(chosen)
@@ -151,13 +151,13 @@ def chosen_problems(
 
 
 def module_named(checked: CheckResult, name: str, pick: Mapping[str, Any]) -> tuple[System, Module]:
-    """The module of this full name, with its flat system."""
+    """The module with this full name, and its flat system."""
     every = modules_of(checked, **{**pick, "module": name})
     return next((flat, m) for flat, m in every if m.name == name)
 
 
 def without_faults(program: TypedProgram, flat: System, problem: Problem) -> Problem:
-    """The problem with the assumption that none of the system's declared faults happens."""
+    """The problem with the added assumption that no declared fault of the system happens."""
     declared = program.systems.get(flat.name)
     if declared is None or not declared.faults:
         return problem

@@ -64,12 +64,12 @@ def verify(
     search: Search | None = None,
     budget_s: float = 0.0,
 ) -> VerifyReport:
-    """Verifies the modules of a checked program; `SoterError` where a problem is not determined.
+    """Verifies the modules of a checked program; `SoterError` if a problem is not determined.
 
-    `explain`: find out why a claim is not proved, and try changes; None: as `refute`.
+    `explain`: find out why a claim is not proved, and try changes (None: like `refute`).
     `written_params`: the parameters as the user wrote them, for the report's command line.
-    `search`: see `verify_by_induction`. `budget_s`: the CPU seconds of a search for hints for
-    modules whose states the program does not bound; then the program with these hints is verified.
+    `search`: as for `verify_by_induction`. `budget_s`: the CPU seconds to search for hints for
+    modules whose states the program does not bound; the program is then verified with these hints.
     """
     began = time.perf_counter()
     pick: Any = {"module": module, "system": system, "params": params or {}}
@@ -120,7 +120,7 @@ def verify(
 def _problems_with_found_hints(
     checked: CheckResult, pick: Mapping[str, Any], budget_s: float
 ) -> tuple[CheckResult, list[tuple[System, Module]], list[Problem], tuple[ProofSearch, ...]]:
-    """The program, its modules and problems, and searches for hints where it bounds no states."""
+    """The program, modules and problems, after a search for hints if states are unbounded."""
     try:
         return checked, *chosen_problems(checked, **pick), ()
     except SoterError as error:
@@ -139,7 +139,7 @@ def _results_with_hints(
     searches: Sequence[ProofSearch],
     budget_s: float,
 ) -> tuple[CheckResult, list[ModuleResult], tuple[ProofSearch, ...]]:
-    """The program and the results, with new hints for modules that its own leave undecided."""
+    """The program and its results, after a search for new hints for undecided modules."""
     asked = {s.module for s in searches}
     others = [r for r in results if r.name not in asked and r.verdict == UNDECIDED]
     if not others:
@@ -152,7 +152,7 @@ def _results_with_hints(
 
 
 def _results_of_proved(searches: Sequence[ProofSearch]) -> dict[str, ModuleResult]:
-    """The results of searches that proved their modules, by name."""
+    """The results of the searches that proved their modules, by module name."""
     return {s.module: s.result for s in searches if s.proved and s.result is not None}
 
 
@@ -174,8 +174,8 @@ def _verify_problems(
 ) -> list[ModuleResult]:
     """Verifies one problem after the other, while the C of the next ones is compiled in order.
 
-    Nothing in this process forks meanwhile, as refuting runs call no externs. `known`: results of
-    modules that a search has proved already, by name.
+    Nothing in this process forks meanwhile, because refuting runs call no externs. `known`: results
+    of modules that a search has already proved, by name.
     """
     results = []
     methods = [module_method(p) for p in problems]
@@ -214,7 +214,7 @@ def _verify_problems(
 def _note_settled_claims(
     stopped: KeyboardInterrupt, results: Sequence[ModuleResult], open_: Sequence[Problem]
 ) -> None:
-    """Adds the verdicts so far to an interruption's notes; a running case has added its own."""
+    """Adds the verdicts so far to the notes of an interruption, except that of a running case."""
     later = [f"{p.name}: no claim settled" for p in open_]
     vars(stopped)["__notes__"] = [
         *verdicts_in_words(*results),
@@ -226,7 +226,7 @@ def _note_settled_claims(
 def _may_be_attacked(problem: Problem) -> bool:
     """Whether a run of the problem's system that leaves C would also be a run of the vehicle.
 
-    It would not in a view, nor where others may move the plant by any value.
+    It would not be one in a view, or if other components may move the plant by any value.
     """
     return not (problem.view or problem.influences)
 
@@ -258,8 +258,8 @@ def write_certificate(
     """Writes the certificate of `results`, each of a module in the system of that name.
 
     `main_text`: the text of the main file, if it differs from the file. An old certificate in the
-    folder is replaced. `SoterError` D008 where other files lie there, D006 where the operating
-    system refuses.
+    folder is replaced. Raises `SoterError` D008 if the folder has other files, D006 if writing
+    fails.
     """
     files = dict(_program_files(program))
     main = _main_file(program, files)
@@ -286,7 +286,7 @@ def write_certificate(
 
 
 def _program_files(program: TypedProgram) -> Iterator[tuple[str, bytes]]:
-    """The program's files, by their paths below the deepest folder that holds all of them."""
+    """Yields the program's files, with paths relative to the deepest folder that holds them all."""
     paths = list(dict.fromkeys(p.resolve() for p in files_of_program(program.path)))
     root = Path(os.path.commonpath([p.parent for p in paths]))
     for path in paths:
@@ -301,9 +301,9 @@ def _main_file(program: TypedProgram, files: dict[str, bytes]) -> str:
 
 
 def _parameter_entries(results: Sequence[ModuleResult]) -> dict[str, object]:
-    """The values of the parameters by name, floats as C99 hexadecimal texts.
+    """The values of the parameters by name, with floats as C99 hexadecimal texts.
 
-    Parameters that differ between systems are left out, as each system sets its own (`set`).
+    Parameters that differ between systems are left out, because each system sets them (`set`).
     """
     values: dict[str, Value] = {}
     differ: set[str] = set()
@@ -317,7 +317,7 @@ def _parameter_entries(results: Sequence[ModuleResult]) -> dict[str, object]:
 
 
 def _replace_folder(folder: Path, files: dict[str, bytes]) -> None:
-    """Replaces an old certificate in the folder; no other files are ever removed."""
+    """Replaces an old certificate in the folder, but never removes other files."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         old = [p for p in folder.rglob("*") if not p.is_dir() or p.is_symlink()]

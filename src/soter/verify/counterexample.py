@@ -24,7 +24,7 @@ from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import check_file, system_to_prove
 from soter.language.load.named_files import ReadError, parse_json, read_json_text
 from soter.language.model.values import to_json
-from soter.report.atomic_write import own_path
+from soter.report.atomic_write import path_without_links
 from soter.semantics.configuration import SC, DecisionVerdict
 from soter.semantics.externs import UnboundExternError
 from soter.semantics.interpreter import Interpreter
@@ -59,7 +59,7 @@ STEPS_KEPT = 50
 
 @dataclass(frozen=True, kw_only=True)
 class Counterexample:
-    """A run of the closed system, as the choices that make it. Times in ns."""
+    """A run of the closed system, stored as the choices that make it, with times in ns."""
 
     module: str
     shows: str
@@ -79,7 +79,7 @@ class Counterexample:
     """The program that it belongs to: program, sha256, system, params."""
 
     def __str__(self) -> str:
-        """A summary for people, in lines."""
+        """Several lines for people that sum up the run."""
         whose = "with the program's own AC" if self.controller == OWN else "with some AC"
         at = _seconds(self.time_ns)
         if self.shows == LEAVES:
@@ -130,7 +130,7 @@ class Replay:
 
 
 def replay_choices(c: Counterexample, system: System) -> Replay | None:
-    """Runs a counterexample in the interpreter; None where the run does not show the violation.
+    """Runs a counterexample in the interpreter; None if the run does not show the violation.
 
     `system`: the verification system of the module, before it is attacked.
     """
@@ -150,9 +150,9 @@ def replay_choices(c: Counterexample, system: System) -> Replay | None:
 
 
 def run_that_leaves(variant: System, draws: Draws, until_ns: int) -> Replay | None:
-    """The run until `safe` is first false on the true state; None if that is not by `until_ns`.
+    """The run until `safe` is first false on the true state; None if it holds until `until_ns`.
 
-    A `safe` that faults is not false: such an instant does not count.
+    An instant at which `safe` faults does not count as false.
     """
     run = _AttackedRun(variant, draws)
     known_ns = true_topics_known_ns(variant)
@@ -166,10 +166,10 @@ def run_that_leaves(variant: System, draws: Draws, until_ns: int) -> Replay | No
 def run_that_repeats(
     variant: System, module: int, draws: Draws, until_ns: int, cycle_ns: int
 ) -> Replay | None:
-    """The run if its state at `until_ns` is that of `cycle_ns` before, and SC had control, or None.
+    """The run if its state at `until_ns` equals that `cycle_ns` earlier, under SC; else None.
 
-    As choices are constant the run then repeats this turn for ever, and in the turn no DM step
-    found `safer` on a fresh reading.
+    Because choices are constant, the run then repeats this cycle for ever; in it no DM step found
+    `safer` on a fresh reading.
     """
     if cycle_ns % variant.hyperperiod_ns or may_read_time(variant, module):
         return None
@@ -194,7 +194,7 @@ def run_that_repeats(
 
 
 class _AttackedRun:
-    """One run of an attacked system, instant by instant."""
+    """Runs an attacked system, instant by instant."""
 
     def __init__(self, variant: System, draws: Draws) -> None:
         self.system = variant
@@ -231,7 +231,7 @@ class _AttackedRun:
             return False
 
     def repeating_state(self, module: int) -> object:
-        """The parts of the state on which the future depends, without the time itself."""
+        """The parts of the state that determine the future, without the time itself."""
         c = self.c
         ages = tuple(c.ct - c.stamps[t] for t in self.system.modules[module].inputs)
         return (
@@ -240,7 +240,7 @@ class _AttackedRun:
         )
 
     def last_steps(self) -> tuple[dict[str, Any], ...]:
-        """The last DM instants and the final one, for people."""
+        """Describes, for people, the last DM instants and the final instant."""
         documents = [self._step_document(*kept) for kept in self._last]
         if not self._last or self._last[-1][0] is not self.c:
             documents.append(self._step_document(self.c, (), self._choices_so_far()))
@@ -271,7 +271,7 @@ class _AttackedRun:
 
 
 class _Events:
-    """A record of events that keeps only the verdicts of DMs."""
+    """Records the verdicts of DMs, and no other events."""
 
     def __init__(self) -> None:
         self.verdicts: list[DecisionVerdict] = []
@@ -281,11 +281,11 @@ class _Events:
             self.verdicts.append(event)
 
     def note_properties(self, _violated: object, _ct: int) -> None:
-        """Ignores violations: `is_unsafe` judges `safe`, as a fault is no violation here."""
+        """Ignores violations, because `is_unsafe` judges `safe` without counting faults."""
 
 
 def write_counterexample(c: Counterexample, path: Path) -> Path:
-    """Writes a counterexample as JSON (docs/json.md)."""
+    """Writes a counterexample as JSON, which docs/json.md describes."""
     document = {
         "schema": SCHEMA,
         "kind": "counterexample",
@@ -294,7 +294,7 @@ def write_counterexample(c: Counterexample, path: Path) -> Path:
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     text = json.dumps(document, indent=1, allow_nan=False) + "\n"
-    own_path(path.parent, path.name).write_text(text, encoding="utf-8")
+    path_without_links(path.parent, path.name).write_text(text, encoding="utf-8")
     return path
 
 
@@ -303,7 +303,7 @@ TIME_MAX = 10**15
 
 
 def read_counterexample(path: Path) -> Counterexample:
-    """Reads a counterexample; `ValueError` where the file has none of this schema."""
+    """Reads a counterexample; raises `ValueError` if the file has no data of this schema."""
     document = parse_json(read_json_text(path))
     if not isinstance(document, dict) or document.get("kind") != "counterexample":
         raise ValueError(f"`{path}` is no counterexample")
@@ -316,8 +316,8 @@ def read_counterexample(path: Path) -> Counterexample:
         cycle = document["cycle_ns"]
         return Counterexample(
             module=_checked_type(document["module"], str),
-            shows=_one_of_known(document["shows"], (LEAVES, CYCLE)),
-            controller=_one_of_known(document["controller"], (OWN, DRAWN)),
+            shows=_known_word(document["shows"], (LEAVES, CYCLE)),
+            controller=_known_word(document["controller"], (OWN, DRAWN)),
             seed=_checked_type(document["seed"], int),
             time_ns=_checked_time(document["time_ns"]),
             cycle_ns=None if cycle is None else _checked_time(cycle),
@@ -338,7 +338,7 @@ def _checked_type(value: Any, wanted: type) -> Any:  # noqa: ANN401 - any JSON
     return value
 
 
-def _one_of_known(value: object, known: tuple[str, ...]) -> str:
+def _known_word(value: object, known: tuple[str, ...]) -> str:
     if value not in known:
         raise TypeError(f"{str(value)[:40]!r} is none of {', '.join(known)}")
     return str(value)
@@ -352,7 +352,7 @@ def _checked_time(value: object) -> int:
 
 
 def _chosen_values(entries: object) -> list[tuple[int, Any]]:
-    """The choices of one stream as (index, value); they are checked when they are drawn."""
+    """The choices of one stream as (index, value); later draws check the values."""
     choices = []
     for entry in _checked_type(entries, list):
         index, value = _checked_type(entry, list)
@@ -372,7 +372,7 @@ class AnotherVersionError(ValueError):
 
 
 def save_counterexamples(report: VerifyReport, folder: Path = FOLDER) -> None:
-    """Writes every counterexample and notes its file in the finding; `SoterError` D006."""
+    """Writes every counterexample and notes its file in the finding; raises `SoterError` D006."""
     for module in report.modules:
         for name, finding in module.findings.items():
             run = finding.counterexample
@@ -387,7 +387,7 @@ def save_counterexamples(report: VerifyReport, folder: Path = FOLDER) -> None:
 
 
 def _system_of(path: Path) -> object:
-    """The name of the system whose run a file keeps; None if no such file can be read."""
+    """The name of the system of the run in a file; None if the file cannot be read."""
     try:
         return read_counterexample(path).facts.get("system")
     except (ReadError, ValueError):
@@ -414,10 +414,10 @@ def _write_or_refuse(run: Counterexample, path: Path) -> None:
 
 
 def replay_file(path: Path) -> Replay | None:
-    """Runs the counterexample of a file in the interpreter; None if it does not show a violation.
+    """Runs the counterexample of a file in the interpreter; None if it shows no violation.
 
-    `ValueError` where the file is no counterexample, `AnotherVersionError` where it belongs to
-    another text of the program, `SoterError` where the program cannot be read.
+    Raises `ValueError` if the file is no counterexample, `AnotherVersionError` if it belongs to
+    another text of the program, `SoterError` if the program cannot be read.
     """
     run = read_counterexample(path)
     facts = run.facts
@@ -440,7 +440,7 @@ def replay_file(path: Path) -> Replay | None:
 
 
 def _program_path(path: Path, named: str) -> str:
-    """The path of a counterexample's program: as the file names it, or near the file."""
+    """The path of a counterexample's program: the path in the file, or one near the file."""
     if not Path(named).is_file():
         for folder in (path.resolve().parent.parent, path.resolve().parent):
             if (folder / named).is_file():

@@ -58,10 +58,10 @@ ALL = np.uint64(2**64 - 1)
 
 @dataclass(frozen=True)
 class CommandTable:
-    """A synthesised SC: `cells` is K, `choice` the row of `commands` per estimate cell (255: none).
+    """A synthesised SC: `cells` is K, `choice` the number of the command for each estimate cell.
 
-    From every state of K the command for each of its estimates, held for one period, keeps C and
-    leads back into K.
+    The value 255 is no command. In K the chosen command, held for one period, keeps C and leads
+    back into K, from every state and for each estimate of this state.
     """
 
     cells: Bools
@@ -71,8 +71,8 @@ class CommandTable:
     """For each true cell of K, bit k is set if command k, held for a period, leads back into K."""
 
 
-def _masks_and_along_axis(masks: Masks, first: Any, last: Any, axis: int) -> Masks:  # noqa: ANN401 - int arrays
-    """For each index i along an axis the bitwise AND of the masks first[i]..last[i] in the grid."""
+def _conjunction_of_masks(masks: Masks, first: Any, last: Any, axis: int) -> Masks:  # noqa: ANN401 - int arrays
+    """The bitwise AND of the masks first[i]..last[i] for each index i along an axis."""
     n = masks.shape[axis]
     low, high = np.clip(first, 0, n - 1), np.clip(last, 0, n - 1)
     conjunction: Masks = np.take(masks, low, axis=axis)
@@ -82,7 +82,7 @@ def _masks_and_along_axis(masks: Masks, first: Any, last: Any, axis: int) -> Mas
 
 
 class _Synthesis:
-    """One computation of K and its table: a fixpoint over the commands of cells."""
+    """Computes K and its command table as a fixpoint over the commands of cells."""
 
     def __init__(
         self,
@@ -113,10 +113,10 @@ class _Synthesis:
         return group.cells_of(self.memory["kept"])
 
     def masks_by_estimate(self, kept: Bools) -> Masks:
-        """The masks, by estimate cell, of the commands that serve all compatible cells of K.
+        """The masks, by estimate cell, of commands that serve all compatible cells of K.
 
-        A cell that is compatible with none has ALL. Where an axis has no error, an estimate on the
-        lower face of its cell also belongs to the cell below, but only if its own is not in K.
+        An estimate cell without a compatible cell has ALL. On an axis without error an estimate on
+        the lower face of a cell also belongs to the cell below, unless the upper cell is in K.
         """
         masks = np.where(kept, self.fine, ALL)
         touched = self.group.overlapped_cells(self.errors)
@@ -125,7 +125,7 @@ class _Synthesis:
         for axis in sorted(range(len(exact)), key=lambda axis: not exact[axis]):
             first, last = touched[axis]
             if not exact[axis]:
-                masks = _masks_and_along_axis(masks, first, last, axis)
+                masks = _conjunction_of_masks(masks, first, last, axis)
                 continue
             below = np.full_like(masks, ALL)
             into: list[slice] = [slice(None)] * masks.ndim
@@ -136,9 +136,9 @@ class _Synthesis:
         return masks
 
     def cells_in_conflict(self, kept: Bools, masks: Masks) -> Bools:
-        """The cells to give up, where no command serves all compatible cells of an estimate.
+        """The cells to remove because no command serves all cells compatible with an estimate.
 
-        The command that serves most of these cells is kept, and the cells it does not serve go.
+        The command that serves most of these cells is kept; the cells that it does not serve go.
         """
         wanted, lost = np.argwhere(masks == 0), np.zeros_like(kept)
         reach = self.group.overlapped_cells(self.errors)
@@ -170,9 +170,9 @@ class _Synthesis:
             share_done(0.0, "synthesis")
 
     def command_by_cell(self, kept: Bools, masks: Masks) -> Bytes:
-        """For each cell of estimates a command that serves; 255 where no state of K can be.
+        """For each estimate cell the number of a command that serves; 255 if no state of K fits.
 
-        It is the one whose image of the cell has the least `prefer` in its middle, or the first.
+        Of several it takes the one whose image has the least `prefer` in its middle, or the first.
         """
         count = len(self.commands)
         serves = (masks[..., None] >> np.arange(count, dtype=np.uint64)) & np.uint64(1) != 0
@@ -197,12 +197,12 @@ def core_synthesis(
     errors: Mapping[int, float] | None = None,
     prefer: Floats | None = None,
 ) -> CommandTable:
-    """The core K and a table of commands, each held for one period (N = 1).
+    """Computes the core K and a table of commands, each held for one period (N = 1).
 
-    `allowed`: a set of the grid's shape; `commands`: up to 64 rows with a value of every control;
-    `errors`: the largest error of the estimate of each state; `prefer`: a cost of each cell, in the
-    grid's shape, such as a distance to a goal. A flow must be read without delay and jitter: widen
-    `errors` by how far the state moves meanwhile.
+    `allowed` is a set of the grid's shape; `commands` has up to 64 rows, each with a value of every
+    control; `errors` has the largest error of each state's estimate; `prefer` is a cost of each
+    cell, such as a distance to a goal. A flow must be read without delay and jitter: widen `errors`
+    by how far the state moves meanwhile.
     """
     rows = np.ascontiguousarray(commands, dtype=np.float64)
     assert 1 <= len(rows) <= 64
@@ -228,10 +228,10 @@ def synthesize(
     system: str | None = None,
     params: Mapping[str, Value] | None = None,
 ) -> list[Path]:
-    """Writes the program with every open safe controller found; returns the files, program first.
+    """Writes a program with all open safe controllers found; returns its files, the program first.
 
-    `output` lies in the program's folder, so that its imports and data are found. `SoterError` R...
-    where there is no problem, U009 where no controller was found, U001, D006, D008 for `output`.
+    `output` must be in the program's folder, where its imports and data are found. Raises R...
+    without a valid problem, U009 without a controller, and U001, D006 or D008 for `output`.
     """
     assert checked.program is not None
     main = Path(checked.program.path)
@@ -263,7 +263,7 @@ def synthesize(
 
 
 def _is_written_by_soter(output: Path) -> bool:
-    """Whether the beginning of a file says that soter wrote it."""
+    """Whether the beginning of the file says that soter wrote the file."""
     try:
         with open_finite_file(output, pipes=False) as stream:
             return synthesized_sc.HEADER.encode() in stream.read(BEGINNING)
@@ -272,7 +272,7 @@ def _is_written_by_soter(output: Path) -> bool:
 
 
 def _require_writable_place(main: Path, output: Path) -> None:
-    """Raises `SoterError` U001 or D008 where the program cannot be written to `output`."""
+    """Raises `SoterError` U001 or D008 if the program cannot be written to `output`."""
     if output.resolve().parent != main.resolve().parent:
         message = f"`{output}` does not lie in the folder of `{main}`"
         helps = ("its imports and data are looked for beside it: choose a name there",)
@@ -289,7 +289,7 @@ UNSUPPORTED = ("write a controller of your own: `sc NAME;`",)
 
 
 def find_law(problem: Problem, stride: int = STRIDE) -> LawTable:
-    """The law for the only group of a problem; `SoterError` U009 where none was found."""
+    """The law for a problem's only group; raises `SoterError` U009 if no law is found."""
     if len(problem.groups) != 1:
         raise _no_controller_error(problem.module, "it has several groups", UNSUPPORTED)
     if problem.parameters or any(e.high > e.low for e in problem.errors):
@@ -321,7 +321,7 @@ def _no_controller_error(module: Module, why: str, helps: tuple[str, ...] = MORE
 
 
 def _commands_with_best_hold(problem: Problem, library: ReachLibrary) -> tuple[CellCommands, int]:
-    """The commands of cells for the hold with the largest K, and that hold in periods of SC."""
+    """The commands of cells for the hold with the largest K; and the hold, in periods of SC."""
     best: tuple[CellCommands, int] | None = None
     for hold in HOLDS if problem.kind == "flow" else HOLDS[:1]:
         try:
@@ -339,7 +339,7 @@ def _commands_with_best_hold(problem: Problem, library: ReachLibrary) -> tuple[C
 def _commands_for_hold(problem: Problem, library: ReachLibrary, hold: int) -> CellCommands:
     commands = command_combinations(problem)
     ranges = [(min(v), max(v)) for v in problem.commands]
-    mixed = _grid_with_held_commands(problem, library, ranges, hold)
+    mixed = _engine_with_held_commands(problem, library, ranges, hold)
     core, admits = _core_and_commands(
         mixed, mixed.compute_constraint(hint=problem.has_core_hint), commands
     )
@@ -349,16 +349,16 @@ def _commands_for_hold(problem: Problem, library: ReachLibrary, hold: int) -> Ce
 def _core_and_commands(
     group: GridGroup, allowed: Bools, commands: Sequence[tuple[float, ...]]
 ) -> tuple[Bools, Bools]:
-    """The core K, and truths (m, *cells): whether command m leads back into K from a cell."""
+    """K and an array (m, *cells): whether command m, held, leads back into K from each cell."""
     table = core_synthesis(group, allowed, commands)
     bits = np.arange(len(commands), dtype=np.uint64).reshape(-1, *[1] * allowed.ndim)
     return table.cells, (table.admits >> bits) & np.uint64(1) != 0
 
 
-def _grid_with_held_commands(
+def _engine_with_held_commands(
     problem: Problem, library: ReachLibrary, ranges: Sequence[tuple[float, float]], hold: int
 ) -> GridGroup:
-    """The engine, without delay or jitter, for commands in these ranges held for `hold` periods."""
+    """An engine for commands in these ranges, held for `hold` periods, with no delay or jitter."""
     inputs = grid_inputs_of(problem)
     inputs = replace(
         inputs, controls=tuple(ranges), period_ns=hold * inputs.period_ns, delay_ns=0, jitter_ns=0
@@ -368,7 +368,7 @@ def _grid_with_held_commands(
 
 
 class _MovedPoints:
-    """Computes where points move in one hold of a command, with all else in mid-range."""
+    """Computes where points move while a command is held, with all other inputs in mid-range."""
 
     def __init__(self, problem: Problem, library: ReachLibrary, hold: int) -> None:
         self.problem = problem
@@ -380,7 +380,7 @@ class _MovedPoints:
         self.seconds = hold * problem.times.delta_sc * 1e-9
 
     def points_after(self, command: int, points: Floats) -> Floats:
-        """The points (n, d) one hold of this command later, (n, d)."""
+        """The points (n, d) to which `points` (n, d) move while a command is held once."""
         first = len(self.problem.states)
         for j, value in enumerate(self.commands[command]):
             self.box[first + j] = value
@@ -388,15 +388,15 @@ class _MovedPoints:
 
     def _moved_point(self, point: Floats) -> Floats:
         if self.problem.kind == "map":
-            return self._middles_of_rates("next", point)
+            return self._middle_of_results("next", point)
         h = self.seconds
-        first = self._middles_of_rates("derivative", point)
-        half = self._middles_of_rates(
+        first = self._middle_of_results("derivative", point)
+        half = self._middle_of_results(
             "derivative", point + 0.5 * h * first
         )  # the midpoint rule: a guide
         return point + h * half
 
-    def _middles_of_rates(self, name: str, point: Floats) -> Floats:
+    def _middle_of_results(self, name: str, point: Floats) -> Floats:
         self.box[self.axes] = point[:, np.newaxis]
         bounds = self.forms.result_bounds(name, self.box, len(self.problem.states))
         if bounds is None:

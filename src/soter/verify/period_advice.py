@@ -58,11 +58,11 @@ LEVELS = (2, 3, 4)
 
 @dataclass
 class AdviceRow:
-    """One row of the sweep, for one Delta.
+    """One row of the sweep, for one Delta and one period of SC.
 
-    Shares are of the grid's volume, products over groups, the least over cases. `levels`: m ->
-    share of S_(m-2); `returns`: m -> whether P2b is proved with computed predicates; `written`:
-    whether the program's own `ttf` and `safer` verify (None: it has none).
+    Shares are of the grid's volume: products over groups, and the least of all cases. `levels` has
+    by m the share of S_(m-2); `returns` has by m whether P2b is proved with computed predicates;
+    `written` says whether the program's `ttf` and `safer` verify (None if it has none).
     """
 
     delta_ns: int
@@ -82,11 +82,11 @@ class AdviceRow:
 
     @property
     def in_time(self) -> bool:
-        """Whether P1c holds: the look-ahead is long enough."""
+        """Whether P1c holds, which means that the look-ahead is long enough."""
         return self.horizon_ns >= self.h_star_ns
 
     def verifies(self, levels: int) -> bool:
-        """Whether everything is proved, with the program's predicates or with computed ones."""
+        """Whether everything is proved, with predicates of the program or with computed ones."""
         if not (self.in_time and self.starts):
             return False
         return self.written if self.written is not None else self.returns.get(levels, False)
@@ -125,7 +125,7 @@ class Advice:
 
     @property
     def summary(self) -> str:
-        """The result in one sentence."""
+        """The result of the sweep in one sentence."""
         best = self.best_ns
         if best is None:
             return (
@@ -140,7 +140,7 @@ class Advice:
 
     @property
     def periods_tried(self) -> str:
-        """The periods of the DM that were tried, and how SC's period went with them, in words."""
+        """The DM's periods that were tried, and whether SC's period changed with them, in words."""
         deltas = ", ".join(show_ns(d) for d in sorted({r.delta_ns for r in self.rows}))
         kept = sorted({r.sc_ns for r in self.rows if r.sc_ns != r.delta_ns})
         says = [f"kept at {show_ns(ns)}" for ns in kept]
@@ -149,15 +149,15 @@ class Advice:
         return f"{deltas}; SC's period {' and '.join(says)}" if says else deltas
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """The texts of the table for people: (head, rows)."""
+        """The head and the rows of the table, as texts for people."""
         tried = sorted({m for r in self.rows for m in r.levels})
         alone = 2 not in tried  # with two levels AC gets control back where it may have it: S_0
         head = ["period", "SC", "H*", "K", *(["S_0"] if alone else [])]
         head += [f"S_{m - 2} (m\u00a0=\u00a0{m})" for m in tried]
         head += ["P1c", "P2b", "verifies", "why not"]
-        return head, [self._row_texts(r, tried, alone=alone) for r in self.rows]
+        return head, [self._row_cells(r, tried, alone=alone) for r in self.rows]
 
-    def _row_texts(self, r: AdviceRow, tried: list[int], *, alone: bool) -> list[str]:
+    def _row_cells(self, r: AdviceRow, tried: list[int], *, alone: bool) -> list[str]:
         mark = " *" if r.delta_ns == self.delta_ns else ""
         times = [show_ns(r.delta_ns) + mark, show_ns(r.sc_ns), show_ns(r.h_star_ns)]
         shares = [r.core, *([r.allowed] if alone else [])]
@@ -169,7 +169,7 @@ class Advice:
         return [*cells, "yes" if verifies else "no", "" if verifies else r.why]
 
     def page(self, program: str = "") -> AdvicePage:
-        """The data of the page with the figure; `program`: the program's file."""
+        """The data of the page with the figure; `program` is the program's file."""
         tried = sorted({m for r in self.rows for m in r.levels})
         drawn = self._drawn_rows
         curves = [Line("K", self._curve(lambda r: r.core), tuple(r.core > 0 for r in drawn))]
@@ -195,12 +195,12 @@ class Advice:
 
     @property
     def _drawn_rows(self) -> list[AdviceRow]:
-        """For each Delta of which sets were computed the row with the longest period of SC."""
+        """For each Delta with computed sets, the row with the longest period of SC."""
         return list({r.delta_ns: r for r in self.rows if r.covered}.values())
 
     @property
     def _notes_on_undrawn(self) -> tuple[str, ...]:
-        """Notes on the rows that only the table shows, and not the figure."""
+        """Notes on the rows that the table shows but the figure does not."""
         if sum(r.covered for r in self.rows) == len(self._drawn_rows):
             return ()
         return ("Drawn where SC's period is changed with \u0394; the table has both.",)
@@ -209,9 +209,9 @@ class Advice:
 def sweep_periods(
     problem: Problem, factors: Sequence[float] = FACTORS, levels: Sequence[int] = LEVELS
 ) -> Advice:
-    """Sweeps Delta over multiples of the declared one, and m over `levels`.
+    """Sweeps Delta over multiples of the declared Delta, and m over `levels`.
 
-    `SoterError` R031 for a module that is proved by induction.
+    Raises `SoterError` R031 for a module that is proved by induction.
     """
     require_proof_by_sets(problem)
     library, _ = library_of(problem)
@@ -244,7 +244,7 @@ def sweep_periods(
 def sweep_all(
     problems: Sequence[Problem], factors: Sequence[float], levels: Sequence[int]
 ) -> list[Advice]:
-    """The sweep of each problem; `SoterError` R031 for a module that is proved by induction."""
+    """The sweep of each problem; raises `SoterError` R031 for a module proved by induction."""
     advices = []
     for i, problem in enumerate(problems):
         with between(i / len(problems), (i + 1) / len(problems)):
@@ -255,8 +255,8 @@ def sweep_all(
 def _periods_to_try(problem: Problem, factors: Sequence[float]) -> list[tuple[int, int]]:
     """The pairs (Delta, SC's period) to try, in ns, for multiples of the declared Delta.
 
-    SC's period follows Delta or stays. If it stays, each Delta is a multiple of it (for a map: of
-    the map's period).
+    SC's period changes with Delta or stays. If it stays, each Delta is a multiple of SC's period;
+    for a map, of the map's period.
     """
     times = problem.times
     unit = times.delta_sc if problem.kind == "flow" else problem.plant_period_ns
@@ -270,7 +270,7 @@ def _periods_to_try(problem: Problem, factors: Sequence[float]) -> list[tuple[in
 
 
 def _sc_period_follows(problem: Problem) -> bool:
-    """Whether SC's period follows Delta: for a flow with equal periods whose SC reads no `dt`."""
+    """Whether SC's period changes with Delta: in a flow with equal periods and no `dt` in SC."""
     times = problem.times
     if problem.kind != "flow" or times.delta_sc != times.delta_dm:
         return False
@@ -279,7 +279,7 @@ def _sc_period_follows(problem: Problem) -> bool:
 
 
 def _why_times_uncovered(problem: Problem) -> str:
-    """Why the theorem does not cover the times of a changed problem; "" if it does.
+    """Why the theorem does not cover the times of a changed problem; "" if it covers them.
 
     These are the conditions of `check_times` on the periods of the DM and of SC.
     """
@@ -294,7 +294,7 @@ def _why_times_uncovered(problem: Problem) -> str:
         return ""
     if schedule.latest_output > sc.period:
         return f"R015: SC may take {show_ns(schedule.latest_output)}, longer than its period"
-    if not schedule.are_windows_apart and why_late_commands_uncovered(
+    if not schedule.are_windows_short and why_late_commands_uncovered(
         problem.module.symbol, schedule
     ):
         return f"R015: SC may act {show_ns(jitter)} late, more than half of its period"
@@ -308,7 +308,7 @@ def _why_times_uncovered(problem: Problem) -> str:
 
 
 def _cases_with_core(problem: Problem, library: ReachLibrary) -> list[Case]:
-    """Every case with its engines, C and K, which do not depend on Delta."""
+    """Every case with its engines, and with C and K, which do not depend on Delta."""
     open_cases = []
     for parameter in parameter_cases(problem):
         case = claims.open_case(problem, library, problem.groups, parameter)
@@ -319,7 +319,7 @@ def _cases_with_core(problem: Problem, library: ReachLibrary) -> list[Case]:
 
 
 def _fill_row(row: AdviceRow, problem: Problem, opened: list[Case], wanted: list[int]) -> None:
-    """Computes a row from cases with K; `wanted`: the numbers of levels to try."""
+    """Computes a row from cases with K; `wanted` has the numbers of levels to try."""
     row_cases = [_case_for_problem(case, problem) for case in opened]
     row.core = _least_share(row_cases, lambda g: g.core > 0)
     broken = next((f for c in opened for f in c.failures_of("P2a")), None)
@@ -331,15 +331,15 @@ def _fill_row(row: AdviceRow, problem: Problem, opened: list[Case], wanted: list
         start.check_start(case)
     row.starts = not any(c.failures_of("start") for c in row_cases)
     if not problem.computed:
-        row.written = all(_own_predicates_verify(case) for case in row_cases)
+        row.written = all(_declared_predicates_verify(case) for case in row_cases)
     for m in wanted:
         computed = replace(problem, computed=True, levels=m)
         tried = [_case_for_problem(case, computed) for case in row_cases]
         for case in tried:
             compute_levels(case)
         make_tables(tried)
-        row.allowed = _least_share(tried, lambda g: _levels_in_table(g, 0))
-        row.levels[m] = _least_share(tried, lambda g: _levels_in_table(g, 1))
+        row.allowed = _least_share(tried, lambda g: _level_in_table(g, 0))
+        row.levels[m] = _least_share(tried, lambda g: _level_in_table(g, 1))
         row.returns[m] = row.levels[m] > 0.0 and all(_is_return_shown(case) for case in tried)
     late = [] if row.in_time else ["the declared horizon is shorter than H*"]
     stands = (*late, *(f.text for c in row_cases for f in c.failures), "")
@@ -347,20 +347,20 @@ def _fill_row(row: AdviceRow, problem: Problem, opened: list[Case], wanted: list
 
 
 def _case_for_problem(case: Case, problem: Problem) -> Case:
-    """The case with the same engines and sets for another problem, without failures."""
+    """The case for another problem, with the same engines and sets, without failures."""
     proofs: list[GridProof] = [replace(p, found=replace(p.found)) for p in case.proofs]
     return replace(case, problem=problem, proofs=proofs, failures=[], spent={}, counts={})
 
 
-def _own_predicates_verify(case: Case) -> bool:
-    """Whether the program's predicates verify at this period: `ttf`, `safer`, P2b."""
+def _declared_predicates_verify(case: Case) -> bool:
+    """Whether `ttf`, `safer` and P2b are proved with the program's predicates at this period."""
     for predicate in ("ttf", "safer"):
         claims.check_inclusion(case, predicate)
     return _is_return_shown(case) and not any(case.failures_of(c) for c in ("ttf", "safer"))
 
 
-def _levels_in_table(part: GroupSets, which: int) -> Bools:
-    """The set S_0 (`which` 0) or S_(m-2) (1) that the DM would have for all cases."""
+def _level_in_table(part: GroupSets, which: int) -> Bools:
+    """The DM's set S_0 (`which` is 0) or S_(m-2) (1), which is the same for all cases."""
     assert part.deployed is not None
     return part.deployed[which]
 
@@ -390,7 +390,7 @@ FIRST = 0.1
 
 @dataclass
 class DelayAdvice:
-    """The declared value of `acts within`, and each value that was tried with what failed."""
+    """The declared `acts within`, and for each tried value the reason why it is not proved."""
 
     module: str
     declared_ns: int
@@ -401,18 +401,18 @@ class DelayAdvice:
 
     @property
     def largest_ns(self) -> int | None:
-        """The largest delay in ns with which all claims are proved; None if there is none."""
+        """The largest delay in ns with which all claims are proved; None if no delay is proved."""
         return max((ns for ns, why in self.why_not.items() if not why), default=None)
 
     @property
     def refused_ns(self) -> int | None:
-        """The least delay in ns above the largest proved one that failed; None if none failed."""
+        """The least failed delay in ns above the largest proved delay; None if none failed."""
         least = self.largest_ns if self.largest_ns is not None else -1
         return min((ns for ns, why in self.why_not.items() if why and ns > least), default=None)
 
     @property
     def summary(self) -> str:
-        """The result in one or two sentences."""
+        """The result of the trials in one or two sentences."""
         largest, refused = self.largest_ns, self.refused_ns
         if largest is None:
             why = self.why_not[self.declared_ns]
@@ -431,10 +431,10 @@ class DelayAdvice:
 
 
 def largest_delay(flat: System, module: Module) -> DelayAdvice:
-    """Verifies a module of a flat system with longer and longer delays of its commands.
+    """Verifies a module of a flat system with longer and longer delays of the commands.
 
-    Times that the theorem does not cover count as not proved. `SoterError` where the problem
-    cannot be posed as it is declared.
+    Times that the theorem does not cover count as not proved. Raises `SoterError` if the problem
+    cannot be posed as declared.
     """
     problem = extract(flat, module)
     advice = DelayAdvice(module.name, problem.times.acts, problem.times.acts_least)
@@ -456,7 +456,7 @@ def largest_delay(flat: System, module: Module) -> DelayAdvice:
 
 
 def _next_delay(proved: int, failed: int | None, advice: DelayAdvice, period_ns: int) -> int | None:
-    """The next delay to try, in ns: the declared one, longer ones, a middle; None at the end."""
+    """The next delay to try, in ns: the declared delay, a longer delay or a middle; or None."""
     if not advice.why_not:
         return advice.declared_ns
     if failed is None:
@@ -468,12 +468,12 @@ def _next_delay(proved: int, failed: int | None, advice: DelayAdvice, period_ns:
 
 
 def _rounded_to_two_digits(ns: float) -> int:
-    """A time to two digits, so that it can be read."""
+    """A time rounded to two digits, which makes it easy to read."""
     return max(1, int(float(f"{ns:.2g}")))
 
 
 def _failing_claim_in_words(flat: System, module: Module, acts_ns: int) -> str:
-    """The first claim that is not proved if commands act so late, in words; "" if all are."""
+    """The first unproved claim if commands act after `acts_ns`, in words; "" if all are proved."""
     at = module.symbol.verify.span or module.symbol.span
     verify = replace(module.symbol.verify, acts=typed.Literal(DURATION, at, acts_ns))
     changed = replace(module, symbol=replace(module.symbol, verify=verify))

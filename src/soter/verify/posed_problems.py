@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PosedProblem:
-    """A problem as a text, equal for equal problems, and the full names of declarations in it."""
+    """A problem as a text, the same for equal problems, and the full names that occur in it."""
 
     text: str
     names: frozenset[str]
@@ -38,9 +38,9 @@ class PosedProblem:
 def posed_problems(
     checked: CheckResult, params: Mapping[str, Value]
 ) -> dict[tuple[str, str], PosedProblem]:
-    """The problem of each module as a text, by the names of system and module.
+    """The problem of each module as a text, by the names of the system and the module.
 
-    A module that is forced, inherits its proof, or poses no problem is left out.
+    The result leaves out a module that is forced, inherits its proof, or poses no problem.
     """
     posed: dict[tuple[str, str], PosedProblem] = {}
     for name in checked.systems or [""]:
@@ -52,23 +52,23 @@ def posed_problems(
 
 
 def posed_problems_in(flat: System) -> dict[str, PosedProblem]:
-    """The problem of each module of a flat system, as a text; forced modules are left out."""
+    """The problem of each module of a flat system as a text, except forced modules."""
     posed = {m.name: _posed_problem(flat, m) for m in flat.modules if m.forced is None}
     return {name: problem for name, problem in posed.items() if problem is not None}
 
 
 def step_text(flat: System, component: Component) -> PosedProblem:
-    """The text of a node's step: its code, the functions that it calls, and its numbers."""
+    """The text of a node's step, with its code, the functions that it calls, and its numbers."""
     return text_with_names(component_key(flat, component))
 
 
 def text_with_names(
     of: object, untrusted: frozenset[typed.NodeSymbol] = frozenset()
 ) -> PosedProblem:
-    """The text of any part of a program, and the names of the declarations in it.
+    """The text of any part of a program, and the names of the declarations in this part.
 
-    `untrusted`: nodes whose code is left out, as no proof reads it. If there are any, contracts,
-    which only runs and tests judge, and the hold times of simulated disturbances are left out, too.
+    The code of `untrusted` nodes is left out, because no proof reads it. With such nodes contracts
+    and the hold times of simulated disturbances, which no proof needs, are left out, too.
     """
     names: set[str] = set()
 
@@ -87,7 +87,7 @@ def text_with_names(
 
 
 def _posed_problem(flat: System, module: Module) -> PosedProblem | None:
-    """The problem of a module as a text; None where no problem can be made of it."""
+    """The problem of a module as a text; None if no problem can be made of the module."""
     verify = module.symbol.verify
     flying = flying_key(flat, module) if verify.abstracts or verify.views else ()
     try:

@@ -20,7 +20,14 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.proof_verdicts import Proof
-from soter.native.cache import cache_dir, digest, find_cached, is_ours, new_entry, soter_sha256
+from soter.native.cache import (
+    cache_dir,
+    digest,
+    find_cached,
+    is_trusted_file,
+    new_entry,
+    soter_sha256,
+)
 from soter.verify.problem.problem import assumption_texts
 
 if TYPE_CHECKING:
@@ -35,9 +42,9 @@ WORST = ("proved", "assumed", "undecided", "refuted")
 
 
 def store_verdicts(systems: Sequence[System], of: Sequence[ModuleResult]) -> None:
-    """Stores the verdicts of results, each of a module of the flat system at the same place.
+    """Stores the verdicts of results; each result is of a module of the system at the same index.
 
-    A module that is proved in views has one result for each view, of which the worst counts. A
+    A module that is proved in views has one result for each view, and the worst verdict counts. A
     cache that cannot be written is no error.
     """
     together: dict[tuple[str, str], list[ModuleResult]] = {}
@@ -66,7 +73,7 @@ def store_verdicts(systems: Sequence[System], of: Sequence[ModuleResult]) -> Non
 
 
 def stored_verdicts(system: System) -> dict[str, Proof]:
-    """The proofs of modules in exactly this system, by name; unknown modules are left out.
+    """The stored proofs of modules for exactly this system, by name; other modules are left out.
 
     It is empty if runs of the system may do what no proof covers (faults, other orders, tests).
     """
@@ -81,7 +88,7 @@ def stored_verdicts(system: System) -> dict[str, Proof]:
 
 
 def _cached_proof(system: System, module: str) -> Proof | None:
-    """The cached proof of a module; None if there is none, or if several differ."""
+    """The cached proof of a module; None if no proof is cached, or if several differ."""
     name = _entry_name(system, module)
     try:
         if not _mark_of_entries(name).exists():
@@ -104,12 +111,12 @@ def _cached_proof(system: System, module: str) -> Proof | None:
 
 
 def _mark_of_entries(name: str) -> Path:
-    """A file that exists if the cache may have entries of this name, so that it is searched."""
+    """A file that marks that the cache may have entries of this name and is to be searched."""
     return cache_dir() / "verdicts" / name
 
 
 def _key_parts(system: System, module: str) -> tuple[str, ...]:
-    """The parts of the key: everything that a proof depends on, except Soter itself."""
+    """The parts of a cache key: everything on which a proof depends, except Soter itself."""
     values = repr(sorted(system.params.items()))
     return ("proof 1", system.program.sha256, system.name, values, module)
 
@@ -130,10 +137,10 @@ BYTES_MAX = 1024 * 1024
 def store_verdicts_of_file(
     path: Path, program_sha256: str, modules: Mapping[str, Mapping[str, Any]]
 ) -> None:
-    """Stores the verdicts on modules of the program in `path`; a failure to write is ignored.
+    """Stores the verdicts on the modules of the program in `path`; ignores a failure to write.
 
-    `modules`: plain data by module: `verdict`, `headline`, `system`, `seconds`, `horizon_ns`,
-    `horizon_needed_ns` (None where there is none) and `properties` (verdicts by name).
+    `modules` has plain data by module: `verdict`, `headline`, `system`, `seconds`, `horizon_ns`,
+    `horizon_needed_ns` (each None if not known) and `properties` (verdicts by name).
     """
     file = _verdicts_file(path)
     records = stored_verdicts_of_file(path)
@@ -152,15 +159,15 @@ def store_verdicts_of_file(
 
 
 def stored_verdicts_of_file(path: Path) -> list[dict[str, Any]]:
-    """The verdicts that this version of Soter stored of the program in `path`, latest text first.
+    """The verdicts that this version of Soter stored for the program in `path`, latest first.
 
-    Each has `program_sha256` and `modules` as `store_verdicts_of_file` was given them, with
-    `when_s`, seconds since 1970. Empty where nothing can be read.
+    Each has `program_sha256` and `modules` as passed to `store_verdicts_of_file`, and `when_s` in
+    seconds since 1970. The list is empty if nothing can be read.
     """
     try:
         file = _verdicts_file(path)
         status = file.stat()
-        if status.st_size > BYTES_MAX or not is_ours(status):
+        if status.st_size > BYTES_MAX or not is_trusted_file(status):
             return []  # somebody else could have written it
         document = json.loads(file.read_text(encoding="utf-8"))
         records = document["records"] if document["soter"] == soter_sha256() else []
@@ -170,5 +177,5 @@ def stored_verdicts_of_file(path: Path) -> list[dict[str, Any]]:
 
 
 def _verdicts_file(path: Path) -> Path:
-    """The file of a program's verdicts; clearing the cache, which removes folders, keeps it."""
+    """The file with a program's verdicts; clearing the cache removes only folders and keeps it."""
     return cache_dir() / "verdicts" / f"{digest([str(path.resolve())])[:32]}.json"

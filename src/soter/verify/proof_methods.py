@@ -1,6 +1,6 @@
 """Writes the certificate entry of a module that is proved over sets of states.
 
-Purpose: `entry_over_sets` writes times, ranges, cases, claims and computed predicates of a module
+Purpose: `module_entry` writes times, ranges, cases, claims and computed predicates of a module
 proved over sets of states (docs/verification.md, section 4).
 Non-goals: a group's own sets (`grid/claims.py`); methods that prove whole modules
 (`verify_module.py`).
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Interval, Leaf, Problem
 
 
-def entry_over_sets(
+def module_entry(
     result: ModuleResult, system: str, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    """The module's entry in a manifest; the files that it names are added to `files`."""
+    """Gives a module's entry in a certificate, and adds the files that it names to `files`."""
     problem = result.problem
     plants = [c.name for c in problem.system.components if c.role == "plant"]
     claims = _claims_entry(result)
@@ -55,16 +55,16 @@ def entry_over_sets(
 
 
 def _claims_entry(result: ModuleResult) -> dict[str, str]:
-    """The verdict of each claim; that of a fail-safe law only if one is declared."""
+    """The verdict of each claim; the claim of a fail-safe law only if the module declares a law."""
     law = bool(result.problem.module.law)
     unclaimed = UNCLAIMED if law else (*UNCLAIMED, "failsafe")
     return {n: f.verdict for n, f in result.findings.items() if n not in unclaimed}
 
 
 def figures_entry(problem: Problem) -> dict[str, object]:
-    """The part of a module's entry with figures of its problem: times, ranges, chosen levels.
+    """The part of a module's entry that has times, ranges of inputs and the chosen levels.
 
-    A proof by tubes has no grid, so that its states have no ranges.
+    A proof by tubes has no grid, and then the states have no ranges.
     """
     q = problem.quantities
     states = [] if problem.kind == TUBES else inputs_entries("state", q.states, problem.states)
@@ -88,7 +88,7 @@ def figures_entry(problem: Problem) -> dict[str, object]:
 def built_entry(
     problem: Problem, built: Sequence[LevelTable], files: dict[str, bytes]
 ) -> dict[str, object]:
-    """The part of a proof's entry from which its DM is built; adds the files that it names."""
+    """Gives the part of a proof's entry from which a DM is built; adds its files to `files`."""
     names = [s.name for s in problem.quantities.states]
     made = [table.entry(names, f"sets/{k}", files) for k, table in enumerate(built)]
     if problem.kind == TUBES:
@@ -99,7 +99,7 @@ def built_entry(
 def _table_entries(
     result: ModuleResult, stem: str, files: dict[str, bytes]
 ) -> list[dict[str, object]]:
-    """Entries for the tables of the module's DM: the levels of every group, as in its C."""
+    """The entries for the tables of the DM, with the levels of every group as in the DM's C."""
     cases = [pairs_of(case) for case in result.cases]
     if not cases or any(len(case) != len(result.problem.groups) for case in cases):
         return []  # some set was not computed: there is no table, and no claim
@@ -111,14 +111,14 @@ def _table_entries(
 def inputs_entries(
     kind: str, leaves: Sequence[Leaf], ranges: Sequence[Interval]
 ) -> Iterator[dict[str, str]]:
-    """The entries of inputs of one kind, with their ranges."""
+    """The entries of the inputs of one kind, each with its range."""
     for leaf, r in zip(leaves, ranges, strict=True):
         low, high = float(r.low).hex(), float(r.high).hex()
         yield {"name": leaf.name, "kind": kind, "low": low, "high": high}
 
 
 def _times_entry(problem: Problem) -> dict[str, int]:
-    """The entry with every time of a module, in ns; W where its shield remembers commands."""
+    """The times of a module in ns, by name; W only if its shield remembers commands."""
     times = problem.times
     remembers = problem.module.shield is not None and problem.kind == "flow"
     return {
@@ -162,7 +162,7 @@ def _case_entry(
 def _drop_unclaimed_sets(
     group: dict[str, Any], files: dict[str, bytes], claims: set[str], *, computed: bool
 ) -> None:
-    """Removes sets that no proved claim needs, with their files; K is then written as empty."""
+    """Removes sets that no proved claim needs, with their files; an unneeded K becomes empty."""
     for name in parts_without_claim(group, claims, computed=computed):
         del group[name]
     if not OF_SETS & claims:

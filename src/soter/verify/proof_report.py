@@ -57,7 +57,7 @@ ROOM = 0.06
 
 
 def leaving_figures(m: ModuleResult, run: LeavingRun | None) -> Iterator[RegionFigure]:
-    """A figure of the run over time, and one in the plane of two states if the group has two."""
+    """Figures of a run that leaves: over time, and over two states if its group has two."""
     if run is None:
         return
     axis = run.names.index(run.axis)
@@ -78,7 +78,7 @@ def leaving_figures(m: ModuleResult, run: LeavingRun | None) -> Iterator[RegionF
         k = [a.state for a in sets.group.axes].index(axis)
         edges = np.asarray(sets.group.axes[k].edges)
         inside = np.moveaxis(region_of_each_cell(sets), k, 0)
-        inside = _slice_through(inside, 1, _start_cells(sets, run, (k,)))
+        inside = _slice_through(inside, 1, _start_indices(sets, run, (k,)))
     edges, inside = _cells_with_margin(edges, inside)
     end = float(run.time_s[-1])
     time = np.array([0.0, end * (1 + ROOM)])
@@ -101,8 +101,8 @@ def leaving_figures(m: ModuleResult, run: LeavingRun | None) -> Iterator[RegionF
         yield _figure_of_plane(sets, run, axis)
 
 
-def _start_cells(sets: GroupSets, run: LeavingRun, without: tuple[int, ...]) -> tuple[int, ...]:
-    """The cells of the start along the axes that are not drawn."""
+def _start_indices(sets: GroupSets, run: LeavingRun, without: tuple[int, ...]) -> tuple[int, ...]:
+    """The indices of the start's cell along the axes that are not in `without`."""
     indices = []
     for k, a in enumerate(sets.group.axes):
         if k not in without:
@@ -112,14 +112,14 @@ def _start_cells(sets: GroupSets, run: LeavingRun, without: tuple[int, ...]) -> 
 
 
 def _slice_through(cells: NDArray[np.uint8], axis: int, at: tuple[int, ...]) -> NDArray[np.uint8]:
-    """The slice through these cells of the axes from `axis` on."""
+    """The cells at the indices `at` of the axes from `axis` on."""
     for i in at:
         cells = np.take(cells, i, axis=axis)
     return cells
 
 
 def _cells_with_margin(edges: Floats, cells: NDArray[np.uint8]) -> tuple[Floats, NDArray[np.uint8]]:
-    """Edges and cells with a margin outside the grid, along the first axis."""
+    """The edges and cells of a grid, with a margin outside it on both ends of the first axis."""
     room = ROOM * (edges[-1] - edges[0])
     outside = np.full((1, *cells.shape[1:]), R1, dtype=np.uint8)
     wider = np.concatenate([[edges[0] - room], edges, [edges[-1] + room]])
@@ -127,13 +127,13 @@ def _cells_with_margin(edges: Floats, cells: NDArray[np.uint8]) -> tuple[Floats,
 
 
 def _figure_of_plane(sets: GroupSets, run: LeavingRun, axis: int) -> RegionFigure:
-    """The figure over the axis by which the run leaves and the first other one of its group."""
+    """The figure over the axis by which the run leaves and the first other axis of its group."""
     axes = sets.group.axes
     k = [a.state for a in axes].index(axis)
     other = 0 if k else 1
     first, second = sorted((k, other))
     cells = np.moveaxis(region_of_each_cell(sets), (first, second), (0, 1))
-    cells = _slice_through(cells, 2, _start_cells(sets, run, (first, second)))
+    cells = _slice_through(cells, 2, _start_indices(sets, run, (first, second)))
     x, cells = _cells_with_margin(np.asarray(axes[first].edges), cells)
     y, turned = _cells_with_margin(np.asarray(axes[second].edges), cells.T)
     xs = np.clip(run.states[:, axes[first].state], x[0], x[-1])
@@ -197,7 +197,7 @@ SHARES = {
 
 
 def write_report(report: VerifyReport, path: Path) -> Path:
-    """Writes the page; `SoterError` D006 where it cannot be written."""
+    """Writes the page of a report; raises `SoterError` D006 if it cannot be written."""
     return write_proof(proof_page(report), path)
 
 
@@ -207,7 +207,7 @@ def page_text(report: VerifyReport) -> str:
 
 
 def proof_page(report: VerifyReport) -> ProofPage:
-    """The page as data."""
+    """The data of a report's page."""
     names = ", ".join(_module_names(report)) or "no module"
     assumptions = assumption_texts(a for m in report.modules for a in m.assumptions)
     under = f", under {len(assumptions)} assumptions" if report.verdict == "proved" else ""
@@ -238,7 +238,7 @@ def proof_page(report: VerifyReport) -> ProofPage:
 
 
 def _module_names(report: VerifyReport) -> list[str]:
-    """The names of the modules; one that is proved in views appears once."""
+    """The names of the modules; a module that is proved in views is named once."""
     views = Counter(m.name.removesuffix(f" as {m.problem.view}") for m in report.modules)
     viewed = any(m.problem.view for m in report.modules)
     return [f"{name} in {n} views" if viewed and n > 1 else name for name, n in views.items()]
@@ -254,7 +254,7 @@ def _trusted_base(report: VerifyReport) -> tuple[str, ...]:
 
 
 def _vacuity_clause(report: VerifyReport) -> str:
-    """A clause for the headline on modules whose proofs say little; "" if there are none."""
+    """A clause for the headline on modules with vacuous proofs; "" without such modules."""
     held = [m for m in report.modules if m.verdict in HOLDING]
     little = [m for m in held if m.vacuity is not None]
     if report.verdict not in ("proved", "assumed") or not little:
@@ -296,19 +296,19 @@ def _module_proof(m: ModuleResult) -> ModuleProof:
 def _headline(m: ModuleResult) -> str:
     lines = "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line)
     safe = " ".join(m.problem.module.symbol.safe.span.text.split())
-    head = f"{_keeps_in_words(m)} `{safe}`{m.verdict_note}; {len(m.assumptions)} assumptions, "
+    head = f"{_safety_in_words(m)} `{safe}`{m.verdict_note}; {len(m.assumptions)} assumptions, "
     cells = f"{m.cells:,} cells, " if m.cells else ""
     return f"{head}{cells}{m.seconds:.1f} s{lines}"
 
 
-def _keeps_in_words(m: ModuleResult) -> str:
-    """The words on whether `safe` is kept, whatever P2b and the fail-safe law are."""
+def _safety_in_words(m: ModuleResult) -> str:
+    """The words on whether `safe` is kept, without regard to P2b and the fail-safe law."""
     shown = all(f.holds for n, f in m.findings.items() if n not in ("P2b", "failsafe"))
     return "keeps" if shown else "not shown: that it keeps"
 
 
 def _open_properties(m: ModuleResult) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Each property that is not shown, with its lines as in the terminal: where, why, help, ..."""
+    """Each property that is not shown, with lines of reasons and advice as in the terminal."""
     texts_told = [NO_CORE]
     for name in ("P2a", "ttf", "safer", *m.findings):
         f = m.findings[name]

@@ -60,7 +60,7 @@ CONFIRMATIONS_MAX = 8
 
 @dataclass(frozen=True)
 class RefutationSearch:
-    """The result of a search: the number of runs, and the counterexample that was found, if any."""
+    """The result of a search: the number of runs, and the counterexample if one was found."""
 
     found: Counterexample | None
     runs: int
@@ -69,10 +69,10 @@ class RefutationSearch:
 
 
 def search_leaving_run(system: System, module: str, budget_s: float = 10.0) -> RefutationSearch:
-    """Looks for a run from the declared initial states that leaves C, for `budget_s` CPU seconds.
+    """Searches for a run from the initial states that leaves C, for `budget_s` CPU seconds.
 
-    `system`: the verification system (`Problem.system`; `module` is the name it has there), or a
-    real one without externs.
+    `system` is the verification system (`Problem.system`), or a flying system without externs;
+    `module` is the name of the module in this system.
     """
     return _search_by_attacks(system, module, budget_s, _leaving_runs)
 
@@ -80,7 +80,7 @@ def search_leaving_run(system: System, module: str, budget_s: float = 10.0) -> R
 def search_run_without_return(
     system: System, module: str, budget_s: float = 5.0
 ) -> RefutationSearch:
-    """Looks for a run on which SC gets control and the DM never gives it back (P2b)."""
+    """Searches for a run on which SC gets control and the DM never returns it to AC (P2b)."""
     return _search_by_attacks(system, module, budget_s, _cycling_runs)
 
 
@@ -131,7 +131,7 @@ def _possible_attacks(system: System, index: int) -> tuple[list[_Attack], str]:
 
 
 def _confirmed_by_interpreter(candidate: Counterexample, system: System) -> Counterexample | None:
-    """The candidate with its choices, if a replay of these alone confirms it; else None."""
+    """The candidate with its recorded choices if a replay confirms them; None otherwise."""
     index = next(m.index for m in system.modules if m.name == candidate.module)
     variant = attacked_system(system, index, candidate.controller)
     recorder = Recorder(AdverseDraws(candidate.seed))
@@ -153,7 +153,7 @@ def _confirmed_by_interpreter(candidate: Counterexample, system: System) -> Coun
 
 
 class _SearchBudget:
-    """A budget in CPU seconds of this process, so that a busy machine changes little."""
+    """A budget in CPU seconds of this process, which a busy machine hardly changes."""
 
     def __init__(self, budget_s: float) -> None:
         self.budget_s = budget_s
@@ -166,7 +166,7 @@ class _SearchBudget:
 
 
 class _Attack:
-    """An attacked system, compiled with draws at the bounds of their sets."""
+    """A system under attack, compiled to draw values at the bounds of their sets."""
 
     def __init__(self, system: System, index: int, controller: str) -> None:
         self.variant = attacked_system(system, index, controller)
@@ -208,7 +208,7 @@ _NOTHING = Counterexample(
 
 
 def _leaving_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexample]:
-    """Candidates that leave C, without end: seeds of each pattern, in longer and longer runs."""
+    """Gives candidates that leave C, endlessly, from seeds of each pattern and ever longer runs."""
     known_ns = true_topics_known_ns(attack.variant)
     first = 1
     number = 0
@@ -231,7 +231,7 @@ def _leaving_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexam
 
 
 def _cycling_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexample]:
-    """Candidates that repeat a state; as choices are constant such a run repeats for ever."""
+    """Gives candidates that repeat a state; with constant choices such runs repeat for ever."""
     if may_read_time(attack.variant, attack.index):
         return
     turn_ns = attack.variant.hyperperiod_ns
@@ -258,7 +258,7 @@ def _cycling_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexam
 
 
 def _repeating_state(attack: _Attack, state: Any, row: Any) -> bytes:  # noqa: ANN401 - numpy
-    """The bytes of topics, locals, plants and modes, which are equal where a run repeats itself."""
+    """The bytes of topics, locals, plants and modes; equal bytes mean that a run repeats."""
     first = min(g.offset for g in attack.layout.groups)
     flags = row["components"][["oe", "latched", "had_control"]]
     modes = row["modules"][["mode", "gate_fault", "clean_needed"]]
@@ -269,7 +269,7 @@ SAFETY = ("P2a", "P3", "ttf", "safer", "start", "P1c")
 
 
 def enter_refutations(problem: Problem, result: ModuleResult) -> None:
-    """Enters counterexamples for claims that are undecided."""
+    """Searches for counterexamples to undecided claims, and enters those that it finds."""
     findings = result.findings
     if problem.synthesize or problem.computed:
         return  # the DM or SC that would run is not there yet
@@ -293,8 +293,8 @@ def enter_refutations(problem: Problem, result: ModuleResult) -> None:
 def _refuted_properties(findings: dict[str, Finding], run: Counterexample) -> list[str]:
     """The names of the properties that a run leaving C refutes.
 
-    By the theorem one of those that are not proved is false: P2a, if it is among them and SC has
-    control at the end; else AC had control too long, so P3.
+    By the theorem one of the unproved properties is false: P2a, if it is unproved and SC has
+    control at the end; otherwise P3, because AC had control too long.
     """
     open_ = [p for p in SAFETY if findings[p].verdict == UNDECIDED]
     last = [step["modes"].get(run.module) for step in run.steps[-1:]]
@@ -326,7 +326,7 @@ def _enter_refutation(
 def _note_runs(
     findings: dict[str, Finding], names: tuple[str, ...], search: RefutationSearch
 ) -> None:
-    """Enters in the undecided findings how many runs were tried in vain."""
+    """Enters in undecided findings the number of runs that were tried without success."""
     note = search.hindrance or f"{search.runs:,} runs under attack found nothing"
     for name in names:
         finding = findings[name]

@@ -42,7 +42,7 @@ TURNED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 def module_keeping_leaf(flat: System, topic: int, leaf: int, low: float, high: float) -> str:
     """The name of a module whose `safe` keeps a driven leaf within [low, high]; "" if none does.
 
-    `safe` has to leave room for the measurement error of the published leaf.
+    The range in `safe` must leave room for the measurement error of the published leaf.
     """
     error = sum(
         m.bound for c in flat.components for m in c.measured if (m.topic, m.leaf) == (topic, leaf)
@@ -55,9 +55,9 @@ def module_keeping_leaf(flat: System, topic: int, leaf: int, low: float, high: f
 
 
 def module_proving_plant(flat: System, plant: Component) -> str:
-    """The name of the module whose proof is about a flying plant; "" if none is.
+    """The name of the module whose proof is about a flying plant; "" if no proof is.
 
-    Where that proof holds the plant publishes within its sets, as that is part of C.
+    If the proof holds, the plant publishes within its sets, because this is part of C.
     """
     for module in flat.modules:
         verify = module.symbol.verify
@@ -73,7 +73,7 @@ def module_proving_plant(flat: System, plant: Component) -> str:
 
 
 def _kept_range(module: Module, topic: int, leaf: int) -> tuple[float, float]:
-    """The range (low, high) in which the single conditions of `safe` keep a leaf."""
+    """The range (low, high) that the conditions in `safe` set for a leaf."""
     symbol = module.whole or module.symbol
     low, high = -math.inf, math.inf
     calculator = Calculator(Diagnostics(), module.scope.params)
@@ -97,7 +97,7 @@ def _kept_range(module: Module, topic: int, leaf: int) -> tuple[float, float]:
 
 
 def _leaf_of_expression(module: Module, e: typed.TypedExpr) -> tuple[int, int] | None:
-    """The (topic, number of the leaf) that an expression reads; None where it is not one leaf."""
+    """The (topic, number of the leaf) that an expression reads; None if it is not a single leaf."""
     path: list[int] = []
     while isinstance(e, typed.TypedField):
         path.append(e.index)
@@ -118,7 +118,7 @@ Chosen = list[tuple["System", "Module"]]
 def coverage_of(
     checked: CheckResult, chosen: Chosen, problems: list[Problem], params: Mapping[str, Value]
 ) -> VerificationScope:
-    """The scope of a verification: further modules that it covers, and what it does not cover."""
+    """The scope of a verification, with further modules that it covers and all that it does not."""
     covered, uncovered = [], []
     taken = {(flat.name, m.name) for flat, m in chosen}
     for name in checked.systems or [""]:
@@ -149,7 +149,7 @@ def coverage_of(
 
 
 def _posed_problems(flat: System, module: Module, problems: list[Problem]) -> list[int]:
-    """The indices of the problems of a module's first view; empty if some view poses none."""
+    """The indices of the problems that a module's first view poses; empty if a view poses none."""
     keys = [problem_key(extract(*seen)) for seen in systems_by_view(flat, module)]
     every = [[i for i, p in enumerate(problems) if problem_key(p) == key] for key in keys]
     return every[0] if all(every) else []
@@ -158,7 +158,7 @@ def _posed_problems(flat: System, module: Module, problems: list[Problem]) -> li
 def _coverage_and_reason(
     flat: System, module: Module, problems: list[Problem], chosen: Chosen
 ) -> tuple[bool, str]:
-    """Whether a chosen module poses the same problem as this one; if not, why not."""
+    """Whether a chosen module poses the same problem as this module; if not, the reason."""
     symbols = {p.module.symbol.name for p in problems}
     if module.forced is not None:
         return False, f"it is forced to {module.forced.upper()} there, its DM does not switch"
@@ -179,10 +179,10 @@ def _coverage_and_reason(
 
 
 def problem_key(problem: Problem) -> object:
-    """A key that is equal where two modules pose the same problem.
+    """A key that is equal for two modules that pose the same problem.
 
-    It holds everything from which sets and claims are computed. Components are compared by their
-    declaration and all of their numbers, except AC, as no proof reads its code.
+    It has everything from which sets and claims are computed. Components are compared by their
+    declaration and all their numbers, except AC, whose code no proof reads.
     """
     ac = problem.module.ac
     components = tuple(
@@ -216,13 +216,13 @@ def problem_key(problem: Problem) -> object:
 
 
 def _law_key(problem: Problem) -> object:
-    """A key of the fail-safe law, which, with the problem, determines the law's problem."""
+    """A key of the fail-safe law; with the problem it determines the law's problem."""
     law = problem.module.law
     return tuple(sorted((problem.system.topics[i].name, repr(v)) for i, v in law.items()))
 
 
 def flying_key(flat: System, module: Module) -> object:
-    """A key of the whole flying system of a module whose plants are abstractions."""
+    """A key of the flying system around a module whose proof uses abstractions of plants."""
     return (
         module.name,
         tuple((c.name, component_key(flat, c)) for c in flat.components),
@@ -238,7 +238,7 @@ def _ac_key(system: System, c: Component) -> object:
 
 
 def component_key(system: System, c: Component) -> object:
-    """A key of a component: its declaration and all of its numbers."""
+    """A key of a component, made of its declaration and all of its numbers."""
     return (
         c.role,
         c.plant or c.node,
@@ -271,7 +271,7 @@ def _unproved_contracts(flat: System, module: Module) -> list[str]:
 
 
 def _plants_beside(flat: System) -> list[str]:
-    """Sentences on plants that stop at a value outside a declared set, and that no proof covers."""
+    """Texts on plants without a proof that stop when a value leaves its declared set."""
     abstracted = {
         m.name.rpartition(".")[0] + "." * ("." in m.name) + link.instance
         for m in flat.modules
@@ -301,7 +301,7 @@ def _set_guarantees(flat: System, module: Module, problem: Problem) -> list[Scop
 
 
 def _guarantees_of(flat: System, module: Module, problem: Problem) -> list[ScopeGuarantee]:
-    """The facts outside of a module on which it relies, with who guarantees each."""
+    """The facts outside a module on which the module relies, each with who guarantees it."""
     guarantees = _set_guarantees(flat, module, problem)
     guarantees += _mode_guarantees(problem)
     guarantees += _influence_guarantees(flat, problem)
@@ -327,7 +327,7 @@ def _guarantees_of(flat: System, module: Module, problem: Problem) -> list[Scope
 
 
 def _mode_guarantees(problem: Problem) -> list[ScopeGuarantee]:
-    """The guarantees about modes of other modules, and for P2b that some of them are in AC."""
+    """The guarantees on modes of other modules, and those for P2b that some of them are in AC."""
     if problem.modes is None:
         return []
     guarantees = [
@@ -341,7 +341,7 @@ def _mode_guarantees(problem: Problem) -> list[ScopeGuarantee]:
 
 
 def _influence_guarantees(flat: System, problem: Problem) -> list[ScopeGuarantee]:
-    """The guarantees that topics of others, by which they move the plants, stay in their sets."""
+    """The guarantees that topics by which others move the plants stay in their sets."""
     guarantees = []
     for i in problem.influences:
         index, by = _flying_topic(flat, problem, i.topic)
@@ -362,7 +362,7 @@ def _influence_guarantees(flat: System, problem: Problem) -> list[ScopeGuarantee
 
 
 def _flying_topic(flat: System, problem: Problem, index: int) -> tuple[int, str]:
-    """The flying system's index of a topic of the verification system, and who drives it there."""
+    """The flying system's index of a topic of the verification system, and the topic's driver."""
     topic = problem.system.topics[index]
     flying = [t for t in flat.topics if t.symbol is topic.symbol]
     home = problem.module.name.rpartition(".")[0]
@@ -373,9 +373,9 @@ def _flying_topic(flat: System, problem: Problem, index: int) -> tuple[int, str]
 
 @dataclass(frozen=True)
 class ComposedAssumption:
-    """A row of the table: `module` relies on `what`; `why` says who guarantees that.
+    """A row of the table of assumptions: `module` relies on `what`; `why` says who guarantees it.
 
-    `open`: whether it is not shown; `promised`: whether another module should guarantee it.
+    `open` says that nothing shows it; `promised` that another module should guarantee it.
     """
 
     module: str
@@ -386,7 +386,7 @@ class ComposedAssumption:
 
 
 def composed_assumptions_of(report: VerifyReport) -> list[ComposedAssumption]:
-    """The rows of a report; a module that is proved in views appears once."""
+    """The table rows of a report; a module that is proved in views has them once."""
     views = {m.name: m.problem.view for m in report.modules}
     verdicts = {m.name.removesuffix(f" as {views[m.name]}"): m.verdict for m in report.modules}
     rows = []

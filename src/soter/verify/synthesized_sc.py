@@ -24,7 +24,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.model.types import ArrayType, FloatType, RecordType, leaves
 from soter.language.syntax.printer import format_source
-from soter.report.atomic_write import own_path
+from soter.report.atomic_write import path_without_links
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -54,7 +54,7 @@ STRIDE = 8
 
 @dataclass(frozen=True)
 class CellCommands:
-    """The engine's answers on m commands in the cells of a grid of shape (n_1, ..., n_d)."""
+    """The sets that the engine computed for m commands on a grid of shape (n_1, ..., n_d)."""
 
     core: Bools
     """K: cells from which some sequence of commands keeps the constraint for ever."""
@@ -66,7 +66,7 @@ class CellCommands:
 
 @dataclass(frozen=True)
 class LawTable:
-    """A law: a command for each block (i_1, ..., i_d); blocks begin at `low`, each `width` wide."""
+    """A law as a table: the number of a command for each block (i_1, ..., i_d) of cells."""
 
     low: tuple[float, ...]
     width: tuple[float, ...]
@@ -74,7 +74,7 @@ class LawTable:
 
 
 def block_middles(low: Sequence[float], width: Sequence[float], shape: tuple[int, ...]) -> Floats:
-    """The middles of equal blocks, of shape (*shape, d)."""
+    """The middles of equal blocks that begin at `low`, of shape (*shape, d)."""
     axes = [a + w * (np.arange(n) + 0.5) for a, w, n in zip(low, width, shape, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
@@ -86,9 +86,9 @@ def block_law(
     points_after: Callable[[int, Floats], Floats],
     stride: int = STRIDE,
 ) -> LawTable:
-    """The law for a grid of equal cells from `low` on, each `width` wide.
+    """The law for a grid of equal cells, which begin at `low` and are `width` wide.
 
-    `points_after(u, points)`: the undisturbed states (n, d) one period of command u later.
+    `points_after(u, points)` gives the undisturbed states (n, d) after one period of command u.
     """
     admits = choices.admits & choices.core
     strict = choices.core & ~choices.free
@@ -115,14 +115,14 @@ def block_law(
 
 
 def command_combinations(problem: Problem) -> list[tuple[float, ...]]:
-    """Every command: the product of the finite sets of the controls, the last fastest."""
+    """Every combination of the controls' finite sets; the last control changes fastest."""
     return list(product(*problem.commands))
 
 
 def _preferred_commands(inside: Bools, refused: Bools, moves: Sequence[Read]) -> Ints:
-    """For each block the command that leads soonest to where an adversary needs longest for harm.
+    """The command for each block that leads soonest to blocks far from any harm.
 
-    Value iteration on the middles finds it, with multilinear interpolation; it proves nothing.
+    Value iteration on the blocks' middles finds it, with multilinear interpolation; it is no proof.
     """
     start = np.where(inside, NEVER, 0.0)
     margin = _iterate_until_still(
@@ -156,7 +156,7 @@ def _iterate_until_still(f: Floats, improve: Callable[[Floats], Floats]) -> Floa
 def _interpolation_at(
     low: Sequence[float], width: Sequence[float], points: Floats, shape: tuple[int, ...]
 ) -> Read:
-    """A function that interpolates values at the blocks' middles, constant beyond them."""
+    """A function that interpolates values between the blocks' middles, constant beyond them."""
     firsts, shares = [], []
     for k, n in enumerate(shape):
         place = np.clip((points[..., k] - low[k]) / width[k] - 0.5, 0.0, n - 1.0)
@@ -174,7 +174,7 @@ def _interpolation_at(
 
 
 def _cells_within(cells: Bools, radius: int) -> Bools:
-    """The cells within `radius` of a set, diagonals included."""
+    """The cells within `radius` of a set, counted along axes and diagonals."""
     for axis in range(cells.ndim):
         grown = cells.copy()
         for step in range(1, radius + 1):
@@ -188,7 +188,7 @@ def _cells_within(cells: Bools, radius: int) -> Bools:
 
 
 def votes_by_block(votes: Bools, stride: int) -> Ints:
-    """How many cells of each block vote for each command: (m, *cells) -> (m, *blocks)."""
+    """The number of cells in each block that vote for each command, (m, *cells) to (m, *blocks)."""
     count: Ints = votes.astype(np.int64)
     for axis in range(1, votes.ndim):
         starts = np.arange(0, votes.shape[axis], stride)
@@ -198,7 +198,7 @@ def votes_by_block(votes: Bools, stride: int) -> Ints:
 
 
 def _filled_entries(entries: Ints, known: Bools) -> Ints:
-    """The entries, of which unknown ones are copied from known neighbours, layer by layer."""
+    """The entries with each unknown entry copied from a known neighbour, layer by layer."""
     result: Ints = entries.copy()
     left = ~known
     while left.any() and not left.all():
@@ -221,7 +221,7 @@ HEADER = "Found by `soter verify --synthesize`."
 
 @dataclass(frozen=True)
 class SynthesizedSource:
-    """A program with its safe controller: the text of the module's file, and the table's bytes."""
+    """A program with its safe controller: the text of the module's file and the table's bytes."""
 
     node: str
     text: str
@@ -230,7 +230,7 @@ class SynthesizedSource:
 
     def save(self, path: Path) -> tuple[Path, Path]:
         """Writes the program to `path` and the table beside it, or raises `OSError`."""
-        beside = own_path(path.parent, self.data_name)
+        beside = path_without_links(path.parent, self.data_name)
         path.write_text(self.text, encoding="utf-8")
         beside.write_bytes(self.data)
         return path, beside
@@ -258,14 +258,14 @@ def program_with_law(problem: Problem, table: LawTable) -> SynthesizedSource:
 
 
 def free_name(name: str, text: str) -> str:
-    """The name with so many underscores that it does not stand in the text."""
+    """The name with underscores appended until the text does not contain it."""
     while name in text:
         name += "_"
     return name
 
 
 def _start_of_module(symbol: ModuleSymbol) -> int:
-    """The offset at which `rta Name` begins, or the comment lines right above it."""
+    """The offset of `rta Name`, or of the comment lines directly above it."""
     text = symbol.span.source.text
     at = text.rfind("\n", 0, symbol.span.start) + 1
     while at > 0:
@@ -277,10 +277,10 @@ def _start_of_module(symbol: ModuleSymbol) -> int:
 
 
 def _table_bytes(problem: Problem, table: LawTable) -> bytes:
-    """The bytes of a table for each control, of indices into its increasing commands.
+    """The bytes of a table for each control; entries are indices into its increasing commands.
 
     On a border between blocks an analysis joins the indices of each control. As commands increase
-    with the indices, that adds only commands between the two.
+    with the indices, this adds only commands between the two.
     """
     sizes = [len(values) for values in problem.commands]
     parts = np.stack(np.unravel_index(table.entries, sizes)).astype(np.uint8)
@@ -336,7 +336,7 @@ def _node_lines(problem: Problem, table: LawTable, node: str, data: str) -> Iter
 
 
 def _topic_and_path(problem: Problem, axis: int) -> tuple[str, str]:
-    """The topic and path of an axis's state, as the module's file names them."""
+    """The topic and the path of an axis's state, as the file of the module names them."""
     state = problem.groups[0].axes[axis].state
     topic, leaf = problem.topic_leaf_of_state[state]
     state_topic = problem.system.topics[topic]
@@ -349,7 +349,7 @@ def _path_text(path: Sequence[str]) -> str:
 
 
 def _value_text(t: Type, node: str, topic: int, path: tuple[str, ...], problem: Problem) -> str:
-    """The text of the published value: the constant of each leaf at the table's entry."""
+    """The text of the value to publish; each leaf is a constant, indexed by the table's entry."""
     if isinstance(t, RecordType):
         parts = [f"{n}: {_value_text(f, node, topic, (*path, n), problem)}" for n, f in t.fields]
         return "{ " + ", ".join(parts) + " }"

@@ -56,15 +56,15 @@ from soter.verify.claims.start import why_not_entered
 from soter.verify.deploy import deployed_sensors
 from soter.verify.diagnosis.vacuity import (
     OF_NOTHING,
+    mention_vacuity_in_claim,
     note_on_start,
-    tell_vacuity_in_row,
     worst_vacuity,
 )
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.grid.case import Case, ClaimTimer, notes_on_interruption, verdicts_in_words
 from soter.verify.grid.claims import HOW as HOW_ON_GRIDS
 from soter.verify.grid.claims import proved_in_words
-from soter.verify.grid.grid_refinement import announce_work, refined_groups, refinement_note
+from soter.verify.grid.grid_refinement import announce_work, refined_groups, refinement_notes
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.grid.scheme_error import STIFF_HINT
 from soter.verify.induction import verify as induction
@@ -72,7 +72,7 @@ from soter.verify.induction.verify import verify_by_induction
 from soter.verify.problem.extract import parameter_cases
 from soter.verify.problem.problem import Assumption
 from soter.verify.problem.supported_constructs import note_on_ages
-from soter.verify.proof_methods import entry_over_sets
+from soter.verify.proof_methods import module_entry
 from soter.verify.tubes.verify import certificate_entry as tubes_entry
 from soter.verify.tubes.verify import verify_by_tubes
 
@@ -109,10 +109,10 @@ def verify_module(
     search: Search | None = None,
     compiled: tuple[ReachLibrary, tuple[str, ...]] | None = None,
 ) -> ModuleResult:
-    """Verifies one module; `SoterError` R... where its program cannot be enclosed.
+    """Verifies one module by sets; raises `SoterError` R... if its program cannot be enclosed.
 
-    `explain`: find out why a claim stays undecided; None: as `refute`. `compiled`: the result of
-    `library_of`. `search` is not used: every method takes it.
+    `explain` asks why a claim stays undecided; None means as `refute`. `compiled` is the result of
+    `library_of`. `search` is not used, but every method takes it.
     """
     del search
     began = time.perf_counter()
@@ -129,7 +129,7 @@ def verify_module(
     result.recover_s = _return_time_s(done, result)
     result.shares = _least_shares(done)
     result.vacuity, result.at_the_start = worst_vacuity(done), note_on_start(done)
-    tell_vacuity_in_row(result)
+    mention_vacuity_in_claim(result)
     if refute:
         phase(f"{problem.name}: looking for a counterexample")
     share_done(ATTACKED)
@@ -148,7 +148,7 @@ def verify_module(
 
 
 def _result_with_verdicts(chosen: Choice, prelude: tuple[str, ...]) -> ModuleResult:
-    """The result with all findings but that on DM; `prelude`: prelude functions in the proof."""
+    """The result with all findings but the DM's; `prelude` has the proof's prelude functions."""
     problem, done = chosen.problem, chosen.done or []
     entered, why_unentered = _hand_over_assumptions(problem, done)
     ages = note_on_ages(problem.module.symbol.ttf)
@@ -158,7 +158,7 @@ def _result_with_verdicts(chosen: Choice, prelude: tuple[str, ...]) -> ModuleRes
         problem,
         {},
         [c.sets for c in done],
-        notes=(*refinement_note(done), *given_up_note(done), *notes),
+        notes=(*refinement_notes(done), *given_up_note(done), *notes),
         cells_why=chosen.failed if chosen.size else "",
         levels_why=chosen.why,
         added=(
@@ -174,7 +174,7 @@ def _result_with_verdicts(chosen: Choice, prelude: tuple[str, ...]) -> ModuleRes
 
 
 def _choose_cells_and_levels(problem: Problem, library: ReachLibrary) -> tuple[Choice, float]:
-    """The choice of cells and levels, with all cases, and the CPU seconds of the first attempt."""
+    """The chosen cells and levels with all cases, and the CPU seconds of the first attempt."""
     spent: list[float] = []
 
     def attempt(problem: Problem) -> list[Case]:
@@ -199,7 +199,7 @@ def _cases_of_problem(problem: Problem, library: ReachLibrary) -> list[Case]:
 def _case_on_finer_grids(
     problem: Problem, library: ReachLibrary, parameter: tuple[int, ...]
 ) -> Case:
-    """One case, on finer grids if only borders fail and no predicates are computed."""
+    """A case; on finer grids if only borders of sets fail and no predicates are computed."""
     first = case = _examined_case(problem, library, problem.groups, parameter, None)
     for _ in range(0 if problem.computed else REFINEMENTS_MAX):
         if (finer := refined_groups(case)) is None:
@@ -221,7 +221,7 @@ def _examined_case(
     parameter: tuple[int, ...],
     before: Case | None,
 ) -> Case:
-    """A case with all claims examined, for one combination of parameter values."""
+    """A case for one combination of parameter values, with all claims examined."""
     case = Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
     try:
         case = claims.open_case(problem, library, groups, parameter, before)
@@ -250,7 +250,7 @@ def _examine_claims(case: Case) -> None:
 
 
 def _examine_return(case: Case, way_back: Callable[[Case], None]) -> None:
-    """Examines P2b; where K gives up cells for it, examines the claims that rest on K again."""
+    """Examines P2b; if K loses cells for it, examines all claims that depend on K again."""
     with ClaimTimer(case, "P2b"):
         way_back(case)
     if shrink_core(case):
@@ -259,7 +259,7 @@ def _examine_return(case: Case, way_back: Callable[[Case], None]) -> None:
 
 
 def _enter_verdicts(result: ModuleResult, done: list[Case], unentered: str) -> None:
-    """Enters the findings on all properties but DM; `unentered`: why `enters` is not shown."""
+    """Enters all findings except the one on the DM; `unentered` says why `enters` is not shown."""
     problem, findings = result.problem, result.findings
     enter_static_claims(problem, result)
     findings |= {claim: _finding_on_claim(problem, done, claim) for claim in CLAIMS}
@@ -276,7 +276,7 @@ def _enter_verdicts(result: ModuleResult, done: list[Case], unentered: str) -> N
 
 
 def _dm_finding(result: ModuleResult) -> Finding:
-    """The finding that the generated C of the DM decides as declared."""
+    """The finding whether the DM's generated C decides as declared."""
     from soter.verify.deploy.dm_check import check_module  # noqa: PLC0415 - compiles the DM
 
     began = time.perf_counter()
@@ -290,7 +290,7 @@ def _prelude_assumptions(functions: tuple[str, ...]) -> list[Assumption]:
 
 
 def _simultaneity_assumptions(problem: Problem, done: list[Case]) -> list[Assumption]:
-    """The assumptions that all commands which move a group begin to act at one instant."""
+    """The assumptions that all commands that move a group begin to act at the same instant."""
     if problem.times.jitter_sc == 0:
         return []
     assumptions = []
@@ -304,10 +304,10 @@ def _simultaneity_assumptions(problem: Problem, done: list[Case]) -> list[Assump
 
 
 def _hand_over_assumptions(problem: Problem, done: list[Case]) -> tuple[Mapping[str, str], str]:
-    """The shown assumptions about a declared `enters`, by key with the proof in words; or why not.
+    """The proofs, in words, of shown assumptions about `enters`, by key; or why none is shown.
 
-    If they are not shown the module is undecided. No single case shows them, as `enters` must imply
-    R(H) in all of them.
+    If they are not shown, the module is undecided. No single case shows them, because `enters` must
+    imply R(H) in all cases.
     """
     entered, why = problem.jumps.entered, problem.jumps.unkept
     if entered and not why:
@@ -317,7 +317,7 @@ def _hand_over_assumptions(problem: Problem, done: list[Case]) -> tuple[Mapping[
 
 
 def _weaken_if_proved(finding: Finding, why: str, hint: str) -> None:
-    """Makes a proved finding undecided for this reason; others keep their own reasons."""
+    """Makes a proved finding undecided for the reason `why`; any other finding stays as it was."""
     if finding.verdict == PROVED:
         finding.weaken_to(UNDECIDED, why, hint)
 
@@ -412,7 +412,7 @@ def _return_time_s(done: list[Case], result: ModuleResult) -> float | None:
 
 
 def _least_shares(done: list[Case]) -> dict[str, float]:
-    """The share of each set: the product over the groups, the least over the cases."""
+    """The share of each set, by name: the product over groups, and the least of all cases."""
     shares_by_name: dict[str, list[float]] = {}
     for case in done:
         one: dict[str, float] = {}
@@ -425,14 +425,14 @@ def _least_shares(done: list[Case]) -> dict[str, float]:
 
 
 def _cases_of_changed_problem(problem: Problem) -> list[Case]:
-    """Every case of a changed problem, verified as if the program declared it."""
+    """The cases of a changed problem, verified as if the program declared this problem."""
     library, _ = library_of(problem)
     return choose_cells_and_levels(problem, lambda p: _cases_of_problem(p, library)).done or []
 
 
 @dataclass(frozen=True)
 class ModuleMethod:
-    """The functions of a method, for problems of its kind and for its own results."""
+    """The functions of one proof method, for the method's problems and results."""
 
     verify: Callable[..., ModuleResult]
     """Takes (problem, refute=, explain=, search=, compiled=); gives verdicts of all properties."""
@@ -444,7 +444,7 @@ class ModuleMethod:
     """Compiles the value that `verify` takes as `compiled`, and makes itself if that is None."""
 
 
-SETS = ModuleMethod(verify_module, entry_over_sets, deployed_sensors.check_sensors, library_of)
+SETS = ModuleMethod(verify_module, module_entry, deployed_sensors.check_sensors, library_of)
 METHODS: dict[ProblemKind, ModuleMethod] = {
     "flow": SETS,
     "map": SETS,

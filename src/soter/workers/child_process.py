@@ -35,7 +35,7 @@ PATIENCE_S = 5.0
 
 
 def resume_child(child: int) -> None:
-    """Lets a stopped child go on, as an extern's code may send stop signals to its parents.
+    """Resumes a child that was stopped, because an extern's code may stop its parents by signals.
 
     If a user stops the command with Ctrl-Z, the caller of this function is stopped as well.
     """
@@ -52,7 +52,7 @@ def adopt_orphans() -> None:
 
 
 def end_children() -> None:
-    """Kills the children of this process, then their children, which it has adopted."""
+    """Kills the children of this process, and then the orphans that it has adopted."""
     end = time.monotonic() + PATIENCE_S
     while time.monotonic() < end and (left := child_processes(os.getpid())):
         for process in left:
@@ -63,7 +63,7 @@ def end_children() -> None:
 
 
 def child_processes(parent: int) -> list[int]:
-    """The process numbers of a process's children, from the files of proc(5)."""
+    """The process numbers of the children of `parent`, from the files of proc(5)."""
     children = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
@@ -73,7 +73,7 @@ def child_processes(parent: int) -> list[int]:
 
 
 def fork_under_supervisor(parent: int) -> int:
-    """Forks; returns only in the child, and gives the number of this process, its supervisor.
+    """Forks and returns only in the child; gives the process number of the supervising parent.
 
     The supervisor leads a session and adopts processes that the child leaves behind. It ends all of
     them when the child has ended, when `parent` is gone, or on SIGTERM; then it ends as the child.
@@ -102,7 +102,7 @@ def fork_under_supervisor(parent: int) -> int:
 
 
 def _awaited_exit_code(child: int) -> int:
-    """Waits for a child, and gives its exit code as `subprocess` does; -9 after a SIGTERM to us."""
+    """Waits for a child and gives its exit code as `subprocess` does; gives -9 after a SIGTERM."""
     while signal.sigwait((signal.SIGTERM, signal.SIGCHLD)) == signal.SIGCHLD:
         with suppress(ChildProcessError):
             while (ended := os.waitpid(-1, os.WNOHANG))[0]:
@@ -121,14 +121,14 @@ MEMORY = 64 * 2**30
 
 
 class DeadError(Exception):
-    """The child can give no more answers; the text of the error says why."""
+    """Raised if the child can give no more answers; the text says why."""
 
 
 class Child:
-    """A child process; the function that `serve` returns there answers its questions."""
+    """A child process that answers questions by the function that `serve` returns in it."""
 
     def __init__(self, serve: Callable[[], Callable[[bytes], bytes]]) -> None:
-        """`serve()` is called once, in the child; an exception in it ends the child."""
+        """Forks the child, which calls `serve()` once; an exception in `serve` ends the child."""
         ours, theirs = socket.socketpair()
         sys.stdout.flush()
         sys.stderr.flush()
@@ -144,7 +144,7 @@ class Child:
         self._socket = ours
 
     def answer_to(self, question: bytes, patience_s: float | None) -> bytes:
-        """The child's answer to a question; without one in time it is ended: DeadError."""
+        """The child's answer to a question; if it comes too late, ends the child with DeadError."""
         end = None if patience_s is None else time.monotonic() + patience_s
         try:
             self._send(HEAD.pack(len(question)) + question, end)
@@ -174,10 +174,10 @@ class Child:
         return f"its process ended by itself, with exit status {code}"
 
     def _reap_child(self) -> int:
-        """Waits for the child's end, kills it if that is late, and gives its wait status.
+        """Waits for the child's end, kills it if it takes too long, and gives its wait status.
 
-        Processes that it has started end, too: on Linux all of them (`fork_under_supervisor`),
-        elsewhere only those that are still in its session.
+        The processes that the child has started end, too: on Linux all (`fork_under_supervisor`),
+        elsewhere only those that are still in the child's session.
         """
         self._wait_for_end(LOOK_S)
         self._kill_child()  # before `waitpid`, which frees the group's number
@@ -185,7 +185,7 @@ class Child:
         return status
 
     def _wait_for_end(self, at_most_s: float) -> None:
-        """Waits until the child has ended, at most this long."""
+        """Waits until the child has ended, but at most `at_most_s` seconds."""
         end = time.monotonic() + at_most_s
         while not _has_ended(self.process) and time.monotonic() < end:
             time.sleep(0.001)
@@ -218,7 +218,7 @@ class Child:
 
 
 def _has_ended(process: int) -> bool:
-    """Whether a child has ended, without taking its status; False if the system cannot say."""
+    """Whether a child has ended; False if the system cannot say. The wait status stays unread."""
     if not hasattr(os, "waitid"):
         return False
     status = os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT)
@@ -226,7 +226,7 @@ def _has_ended(process: int) -> bool:
 
 
 def _wait_until_ready(side: socket.socket, end: float | None, *, write: bool) -> None:
-    """Waits until a socket can be read or written; TimeoutError at `end`."""
+    """Waits until a socket can be read or written; raises TimeoutError at the time `end`."""
     while True:
         left = SLEEPY_S if end is None else end - time.monotonic()
         if left <= 0:
@@ -240,7 +240,7 @@ def _wait_until_ready(side: socket.socket, end: float | None, *, write: bool) ->
 
 
 def _serve(side: socket.socket, parent: int, serve: Callable[[], Callable[[bytes], bytes]]) -> None:
-    """Answers questions in the child, after it has closed the parent's files; never returns."""
+    """Closes the parent's files in the child, then answers questions; it never returns."""
     status = 1
     try:
         _leave_parent(side, parent)
@@ -276,7 +276,7 @@ def _leave_parent(side: socket.socket, parent: int) -> None:
 def end_with_parent(parent: int) -> None:
     """Makes sure that this process is killed when its parent is gone.
 
-    On Linux the system kills it, elsewhere a thread that watches the parent.
+    On Linux the system kills it; elsewhere a thread watches the parent and ends the process.
     """
     if sys.platform == "linux":
         with suppress(OSError, AttributeError):

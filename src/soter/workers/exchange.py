@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Exchange:
-    """The layouts of an extern node's requests and answers; `number`: 64 bits of their SHA-256."""
+    """The layouts of an extern node's requests and answers; `number` is 64 bits of a SHA-256."""
 
     request: Struct
     answer: Struct
@@ -39,7 +39,7 @@ class Exchange:
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """The bytes of a request and of an answer."""
+        """The sizes of a request and of an answer, in bytes."""
         return self.request.size, self.answer.size
 
 
@@ -97,7 +97,7 @@ NAP_NS = 200_000
 
 @dataclass(frozen=True)
 class Request:
-    """A complete request: its number, the time of the node's release in ns, its bytes."""
+    """A complete request, with its number, the node's release time in ns, and its bytes."""
 
     number: int
     time_ns: int
@@ -105,11 +105,11 @@ class Request:
 
 
 class LayoutError(Exception):
-    """The process that asks was built for another layout."""
+    """Raised if the process that sends requests was built for another layout."""
 
 
 class Channel:
-    """The two shared segments of a worker, for requests and answers of these `sizes` in bytes."""
+    """A worker's two shared segments, for requests and for answers; `sizes` are in bytes."""
 
     def __init__(self, number: int, sizes: tuple[int, int]) -> None:
         self._number = number
@@ -124,7 +124,7 @@ class Channel:
         self._write_answer(0, 0, 0, bytes(self._sizes[1]))
 
     def next_request(self) -> Request:
-        """Waits for the next request, and gives it; LayoutError if it has another layout."""
+        """Waits for the next request and gives it; raises LayoutError if its layout is another."""
         while True:
             seen = int(self._request_words[0])
             words = self._request_words.copy()
@@ -139,7 +139,7 @@ class Channel:
             self._futex.wait(seen)
 
     def answer(self, request: Request, data: bytes | None) -> None:
-        """Answers a request; without data it says that the step failed."""
+        """Answers a request; if `data` is None, the answer says that the step failed."""
         fault = int(data is None)
         self._write_answer(request.number, request.time_ns, fault, data or bytes(self._sizes[1]))
 
@@ -157,14 +157,14 @@ class Channel:
 
 
 def _map_segment(fd: int, size: int, *, write: bool) -> Words:
-    """A shared segment as an array of words, (8 + ceil(size / 8),), mapped from file `fd`."""
+    """Maps the file `fd`; gives the shared segment as an array (8 + ceil(size / 8),) of words."""
     count = HEAD_WORDS + -(-size // 8)
     prot = mmap.PROT_READ | (mmap.PROT_WRITE if write else 0)
     return np.frombuffer(mmap.mmap(fd, 8 * count, prot=prot), dtype=np.uint64)
 
 
 def _checksum(words: Words) -> int:
-    """The FNV-1a hash of a segment's words, without its sequence number and its checksum."""
+    """The FNV-1a hash of a segment's words, except the sequence number and the checksum."""
     total = BASIS
     listed = words.tolist()
     for word in (*listed[1:6], *listed[7:]):
@@ -181,7 +181,7 @@ class _Futex:
         self._call = ctypes.CDLL(None, use_errno=True).syscall
 
     def wait(self, seen: int) -> None:
-        """Waits until the word is not `seen`; may return early, so callers look again."""
+        """Waits until the word is not `seen`; may return early, so the caller must check again."""
         if self._number is None or os.name != "posix":
             ctypes.CDLL(None).usleep(NAP_NS // 1000)
             return

@@ -27,7 +27,7 @@ _noted: list[int] = []
 
 
 def _note_interrupt(number: int, _frame: FrameType | None) -> None:
-    """The signal handler: notes the first Ctrl-C, and raises KeyboardInterrupt at the second."""
+    """Handles SIGINT: notes the first Ctrl-C, and raises KeyboardInterrupt at the second."""
     if _noted:
         _noted.clear()
         raise KeyboardInterrupt
@@ -43,7 +43,7 @@ def raise_if_interrupted() -> None:
 
 @contextmanager
 def ctrl_c_waits() -> Iterator[None]:
-    """Notes Ctrl-C in a `with` block, and raises it at the block's end; other handlers stay."""
+    """Delays a Ctrl-C in a `with` block until the block ends; a handler set by others stays."""
     main = threading.current_thread() is threading.main_thread()
     if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield

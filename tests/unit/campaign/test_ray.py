@@ -18,7 +18,7 @@ from soter import SoterError, load
 from soter.campaign import fly_campaign
 from soter.campaign.batch_flights import Fleet, Flyer
 from soter.campaign.fly_campaign import TRIES, WorkerReply, fly_batch, soter_digest
-from soter.campaign.recipe import unpack_recipe
+from soter.campaign.recipe import unpacked_recipe
 from soter.diagnostics.diagnostic import Diagnostic
 from soter.language.front_end import check_file, system_of
 
@@ -140,7 +140,7 @@ def same(actual: Path, wanted: Path) -> bool:
 def test_what_is_sent_flies_the_same() -> None:
     flat = system_of(check_file(str(CART)), "Unprotected")
     fleet = Fleet(flat, 10**9)
-    assert Flyer(unpack_recipe(sent(fleet.recipe))).fly(range(40), 3) == fleet.fly(range(40), 3)
+    assert Flyer(unpacked_recipe(sent(fleet.recipe))).fly(range(40), 3) == fleet.fly(range(40), 3)
 
 
 def test_a_cluster_flies_the_same(

@@ -70,14 +70,14 @@ def entry_of(facts: Facts) -> dict[str, Any]:
 
 def test_the_figures_of_the_program_are_let_through(two: Facts) -> None:
     facts = copy.copy(two)
-    rechecker.compare_figures(facts, entry_of(two))
+    rechecker.compare_numbers(facts, entry_of(two))
     assert facts.extents == tuple(two.axes[i] for i in range(2))
 
 
 def test_an_extent_that_is_open_is_that_of_the_manifest(two: Facts) -> None:
     facts = copy.copy(two)
     facts.axes = {1: two.axes[1]}
-    rechecker.compare_figures(facts, entry_of(facts))
+    rechecker.compare_numbers(facts, entry_of(facts))
     assert facts.extents == ((-9.0, 9.0), two.axes[1])
 
 
@@ -107,7 +107,7 @@ def test_another_figure_is_rejected(two: Facts, word: str) -> None:
     entry = copy.deepcopy(entry_of(two))
     WRONG[word](entry)
     with pytest.raises(RejectedError, match=word.split(" (", maxsplit=1)[0]):
-        rechecker.compare_figures(copy.copy(two), entry)
+        rechecker.compare_numbers(copy.copy(two), entry)
 
 
 # ---------------------------------------------------------------- groups

@@ -29,11 +29,11 @@ from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.straight_line import (
     Builder,
+    bound_of_dot,
     dot,
     plus_scaled,
     product,
     side_by_side,
-    sum_of_sizes,
     times_column,
     total,
     unit_rows,
@@ -83,8 +83,8 @@ def test_rows_are_matrices() -> None:
     assert numbers(unit_rows(2, width=4, first=1)) == np.eye(4)[1:3].tolist()
     assert float(dot(matrix(a)[0], matrix(a)[1])) == a[0] @ a[1]
     assert float(total(matrix(a)[0])) == a[0].sum()
-    assert float(sum_of_sizes(matrix(a)[0], matrix(abs(a))[1])) == abs(a[0]) @ abs(a[1])
-    assert sum_of_sizes(matrix(a)[0], []) == 0
+    assert float(bound_of_dot(matrix(a)[0], matrix(abs(a))[1])) == abs(a[0]) @ abs(a[1])
+    assert bound_of_dot(matrix(a)[0], []) == 0
     assert float(absolute_sum(matrix(a)[0])) == abs(a[0]).sum()
     assert floats([interval_hull(balls([(0.0, 1.0), (-2.0, 0.5), (-1.0, 3.0)]))]) == [(-2.0, 3.0)]
     assert floats([interval_hull(balls([(0.0, 1.0)]))]) == [(0.0, 1.0)]

@@ -279,7 +279,7 @@ def test_a_state_without_dynamics_stands_still(tmp_path: Path, kind: str) -> Non
     model = model_of(facts)
     terms, states = model.new_terms()
     u = terms.add_input("box", "u", exact(-1.0), exact(2.0))
-    move = model._rates_or_next(terms, states, [u], facts.states, rounded=False)[0][0]
+    move = model._rates_or_next_states(terms, states, [u], facts.states, rounded=False)[0][0]
     values = point(terms, {"p.p": 0.75, "p.v": 1.0})
     assert at(terms, move, values) == (0.0 if kind == "flow" else 0.75)
 

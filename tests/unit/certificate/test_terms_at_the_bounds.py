@@ -401,7 +401,7 @@ def test_as_many_cases_as_are_gone_through(
 ) -> None:
     facts = small_proofs.facts_of(_written(tmp_path, PROGRAMS["written"]), "S", "M")
     monkeypatch.setattr(rechecker, "CASES_MAX", most)
-    monkeypatch.setattr(rechecker, "compare_figures", lambda *_: None)
+    monkeypatch.setattr(rechecker, "compare_numbers", lambda *_: None)
     monkeypatch.setattr(rechecker, "check_static_claims", lambda *_: None)
     entry = {"claims": {"P2a": "proved"}, "cases": []}
     with pytest.raises(RejectedError if fine else NotRecheckedError, match="combinations"):
@@ -413,7 +413,7 @@ def test_a_module_has_tables_where_its_predicates_are_computed_and_else_none(
 ) -> None:
     facts = small_proofs.facts_of(_written(tmp_path, PROGRAMS["written"]), "S", "M")
     for name in (
-        "compare_figures",
+        "compare_numbers",
         "check_static_claims",
         "refuse_parts_without_claim",
     ):

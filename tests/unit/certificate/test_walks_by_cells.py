@@ -18,7 +18,7 @@ from soter.certificate.grid.group_claims import (
     cells_driven_out,
     cells_not_led,
     cells_not_nearer,
-    holds_of,
+    distinct_holds,
 )
 from soter.certificate.grid.sc_chains import EVERY
 from soter.certificate.terms.linear_enclosures import exact
@@ -94,8 +94,8 @@ def test_cells_from_which_a_chain_does_not_come_nearer() -> None:
             assert sorted(a for ((a, _),) in left) == wanted
     grid = LINE
     holds_, asked = np.array([3, 0, 1, 3], dtype=np.uint8), bools(1, 1, 0, 1)
-    assert holds_of(holds_, asked) == [3]
-    assert holds_of(holds_, bools(1, 1, 1, 1)) == [1, 3]
+    assert distinct_holds(holds_, asked) == [3]
+    assert distinct_holds(holds_, bools(1, 1, 1, 1)) == [1, 3]
     assert grid.all_cells == ((0, 4),)
 
 
@@ -239,7 +239,7 @@ def test_chains_and_phases_are_compiled_once(monkeypatch: pytest.MonkeyPatch) ->
         return object()
 
     monkeypatch.setattr(group_claims, "sc_chain", noted)
-    monkeypatch.setattr(group_claims, "phase_steps", noted)
+    monkeypatch.setattr(group_claims, "free_phase_steps", noted)
     check: Any = ChainCheck(None, tables([1] * 4))  # type: ignore[arg-type]
     assert check.compiled_chain(1) is check.compiled_chain(1)
     assert check.compiled_chain(1) is not check.compiled_chain(4)

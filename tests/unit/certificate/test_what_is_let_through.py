@@ -449,15 +449,15 @@ def test_a_map_is_stepped_as_often_as_it_steps(
             assert tuple(map(float, ends)) == model.extents[k]
     period = facts.plants[0].period_ns
     for time, steps in ((0, 0), (1, 1), (period, 1), (period + 1, 2), (3 * period, 3)):
-        assert len(maps.map_phase(model, [0, 1], time)) == steps
+        assert len(maps.map_steps_in_time(model, [0, 1], time)) == steps
     for most in (1, 2, 3):
         monkeypatch.setattr(maps, "PHASE_MAX", most)
         monkeypatch.setattr(maps, "STEPS_MAX", most)
         if most >= 2:
-            maps.map_phase(model, [0, 1], 2 * period)
+            maps.map_steps_in_time(model, [0, 1], 2 * period)
             maps.map_steps_in_period(model, [0, 1])  # two steps of the map in a period of SC
         else:
-            for of in (lambda: maps.map_phase(model, [0, 1], 2 * period),
+            for of in (lambda: maps.map_steps_in_time(model, [0, 1], 2 * period),
                        lambda: maps.map_steps_in_period(model, [0, 1])):  # fmt: skip
                 with pytest.raises(NotRecheckedError, match="steps of the map"):
                     of()

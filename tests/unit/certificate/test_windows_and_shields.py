@@ -263,7 +263,7 @@ def test_an_end_is_kept_where_the_rate_points_inwards_all_over_its_side(
         )
         monkeypatch.setattr(sc_chains, "LocalFlow", lambda *_, flow=flow: flow)
         model: Any = SimpleNamespace(extents=[(-1.0, 1.0), (0.0, 2.0)])
-        inwards = sc_chains._side_test(model, [0, 1])
+        inwards = sc_chains._inward_test(model, [0, 1])
         side = [(-1.0, -1.0), (0.0, 2.0)]
         found = rates(side, flow.ranges)
         assert inwards(side, 0, 1) is (min(found) >= 0)

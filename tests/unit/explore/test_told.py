@@ -20,7 +20,7 @@ from soter.explore.trace_view import make_sequence_view
 from soter.report.html import html_document
 from soter.report.run.counterexample_page import SHOWN
 from soter.report.run.timeline import chart_timeline
-from soter.report.sequence_view import deed_phrases, explanation
+from soter.report.sequence_view import action_phrases, explanation
 from soter.report.sequence_view import table_text as lines_of
 from unit.explore.explored_programs import FAULTS, QUEUED, TESTED
 from unit.explore.random_walks import system_of_text
@@ -117,7 +117,7 @@ def test_a_broken_invariant_says_which_half_fails() -> None:
 def test_a_fault_says_whose_it_is_and_where() -> None:
     seen = view(FAULTS.replace("int in [0, 100] = 0", "int = 9223372036854775806"), "Overflows")
     step = next(s for s in seen.steps if s.violates)
-    assert "fault in c: overflow, small.soter:7" in deed_phrases(step)
+    assert "fault in c: overflow, small.soter:7" in action_phrases(step)
     assert "`c` faults (overflow, small.soter:7)" in explanation(seen)
 
 
@@ -175,13 +175,13 @@ def test_an_overrun_says_how_long_it_took() -> None:
     assert (begun.kind, effect.kind) == ("overrun", "effect")
     assert begun.lasts_ns == effect.lasts_ns == effect.time_ns - begun.time_ns > 10**7
     after = effect.time_ns // 10**6
-    assert deed_phrases(begun) == [f"starts, takes effect {after} ms later"]
-    assert deed_phrases(effect) == [f"takes effect {after} ms after its start"]
+    assert action_phrases(begun) == [f"starts, takes effect {after} ms later"]
+    assert action_phrases(effect) == [f"takes effect {after} ms after its start"]
 
 
 def test_an_overrun_of_no_time_says_so() -> None:
     steps = view(TESTED, "Overruns").steps
-    said = [deed_phrases(s)[0] for s in steps if s.lasts_ns == 0]
+    said = [action_phrases(s)[0] for s in steps if s.lasts_ns == 0]
     assert set(said) == {"starts", "takes effect, 0 ms later"}
 
 
@@ -209,7 +209,7 @@ system S {{ n: N; until 1s; }}
 test T {{ system S; horizon 10ms; always a < 6; }}
 """
     step = view(source, "T").steps[-1]
-    assert list(deed_phrases(step)) == said
+    assert list(action_phrases(step)) == said
 
 
 # ---------------------------------------------------------------- which instance, which fault

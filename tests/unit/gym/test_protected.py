@@ -1064,7 +1064,7 @@ def margin_of(env: Protected) -> float:
     late_ns = (int(dm["next"]) - session.system.components[module.dm].phase_ns) % period_ns
     looked = int(dm["next"]) - late_ns - waits * period_ns
     unsafe = bool(facts["ttf"] or facts["stale"] or facts["saw_gate_fault"])
-    looks = module.looks_left(unsafe=unsafe, safer=bool(facts["safer"]))
+    looks = module.periods_left(unsafe=unsafe, safer=bool(facts["safer"]))
     return module.margin_ns(looks, int(record["header"]["ct"]) - looked) / 1e9
 
 

@@ -16,7 +16,7 @@ import soter
 from soter.api.measuring import DOCUMENT, measure, measure_on_board, write_measurement
 from soter.core.layout import state_layout
 from soter.diagnostics.diagnostic import SoterError
-from soter.measure.stopwatch import sample_states, vary_states
+from soter.measure.stopwatch import sampled_states, varied_states
 from soter.targets.cortex_m_board import BOARDS, read_board
 from soter.targets.cortex_m_image import build_image, missing_tool
 
@@ -104,10 +104,10 @@ def test_states_made_of_a_run_differ_in_what_is_read_alone(tmp_path: Path) -> No
     assert run.trace is not None
     layout = state_layout(run.system)
     size = layout.size
-    seen = sample_states(run.trace.view("u1").reshape(-1, size), 5)
+    seen = sampled_states(run.trace.view("u1").reshape(-1, size), 5)
     assert seen.shape == (5, size)
     slow = run.system.component("M.Slow")
-    made = vary_states(run.system, layout, slow, seen, 200, random.Random(1))  # noqa: S311
+    made = varied_states(run.system, layout, slow, seen, 200, random.Random(1))  # noqa: S311
     states = made.view(run.dtype).reshape(-1)
     topic = states["topics"]["seen"]
     assert topic["at"].min() >= -2.0

@@ -17,8 +17,8 @@ from soter.api import load
 from soter.mapping.read_mapping import make_log_map
 from soter.mapping.units import UNITS
 from soter.monitor.derived_signals import (
+    begin_of_turn,
     error_quantiles,
-    least_angle,
     line_errors,
     slope_errors,
     value_on_line,
@@ -196,8 +196,8 @@ def test_a_line_is_the_one_without_an_end_but_for_whole_turns(
 
 
 def test_where_a_turn_begins_is_seen_in_its_column() -> None:
-    assert least_angle([-3.1, 3.1], WHOLE) == -math.pi
-    assert least_angle([0.1, 6.2], WHOLE) == 0.0
-    assert least_angle([1.6, 7.8], WHOLE) == pytest.approx(4.7 - math.pi)
-    assert math.isnan(least_angle([0.0, 7.0], WHOLE))
-    assert math.isnan(least_angle([0.0, 7.0], math.inf))
+    assert begin_of_turn([-3.1, 3.1], WHOLE) == -math.pi
+    assert begin_of_turn([0.1, 6.2], WHOLE) == 0.0
+    assert begin_of_turn([1.6, 7.8], WHOLE) == pytest.approx(4.7 - math.pi)
+    assert math.isnan(begin_of_turn([0.0, 7.0], WHOLE))
+    assert math.isnan(begin_of_turn([0.0, 7.0], math.inf))

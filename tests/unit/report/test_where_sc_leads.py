@@ -14,7 +14,7 @@ from soter.api import Program
 from soter.report.run.where_sc_leads import FAILED
 from soter.simulate.run_observer import decided_rows
 from soter.simulate.run_report import tube_pictures
-from soter.simulate.tube_looks import GOOD, MOVES, REST, SAFE, _watch_function, compile_looks
+from soter.simulate.tube_looks import GOOD, MOVES, REST, SAFE, _with_watched_function, compile_looks
 from unit.verify.tubes.test_world_maps import BEFORE_A_WALL
 
 if TYPE_CHECKING:
@@ -176,7 +176,7 @@ def test_a_function_is_watched_wherever_its_lines_end(of: str, between: str, bra
     name = "m_safe_fn"
     given = between.join(["const m_form *x", "soter_fault *fault"])
     text = f"SOTER_INLINE bool{of.format(name)}({given}){brace}\n  return true;\n}}\nint after;\n"
-    watched = _watch_function(text, name, "", "led_safe(led_said, {0});")
+    watched = _with_watched_function(text, name, "", "led_safe(led_said, {0});")
     assert f"const bool led_said = {name}(x, fault);" in watched
     assert watched.index("led_safe(led_said, x)") < watched.index(f"#define {name} {name}_noted")
 

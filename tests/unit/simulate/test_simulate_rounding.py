@@ -11,7 +11,7 @@ import processes
 import soter
 from generators.c_packages import CART
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.evaluate.arithmetic import restore_plain, why_not_plain
+from soter.language.evaluate.arithmetic import broken_float_rule, restore_float_settings
 from soter.native.compiler import find_compiler
 
 if TYPE_CHECKING:
@@ -45,8 +45,8 @@ engines = pytest.mark.parametrize("engine", ["native", "interp"])
 @pytest.fixture(autouse=True)
 def _plain() -> Iterator[None]:
     yield
-    restore_plain()
-    assert why_not_plain() == ""
+    restore_float_settings()
+    assert broken_float_rule() == ""
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def test_an_extern_that_rounds_otherwise_changes_nothing(
     done = program.bind("Learned", rounds_up).simulate(engine=engine)
     assert done.trace_sha256 == plain.trace_sha256
     assert done.violations == 0
-    assert why_not_plain() == ""
+    assert broken_float_rule() == ""
 
 
 @engines

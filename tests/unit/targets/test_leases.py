@@ -219,7 +219,7 @@ def schedules(count: int, seed: int) -> Iterator[tuple[Schedule, Timing, Random]
         phase, late = chance.randint(0, own - 1), chance.randint(0, own // 2)
         sc = Releases(own, phase, late, chance.randint(0, own // 3))
         schedule = Schedule(dm, sc, (), (), (ActuationPath(0, chance.randint(0, 2)),))
-        if not schedule.are_windows_apart:
+        if not schedule.are_windows_short:
             continue
         nodes = tuple(
             Node(n, r.period, r.phase, r.late, r.response) for n, r in (("dm", dm), ("sc", sc))

@@ -87,7 +87,7 @@ def codes_of(text: str) -> set[str]:
 def test_waiting_for_a_late_dm_makes_sc_late() -> None:
     late = problem_of(MODE).times  # 40 ms of 50: more than half of SC's period
     assert late.jitter_sc == 40 * ms
-    assert not late.schedule.are_windows_apart
+    assert not late.schedule.are_windows_short
     (module,) = report_of(MODE).modules
     assert module.findings["P2a"].verdict == "undecided"
     times = problem_of(MODE.replace("late dm 40ms, sc 0ms", "late dm 20ms, sc 0ms")).times

@@ -53,11 +53,11 @@ OTHER_MODULE = "the certificate is not about this module of this system"
 
 @dataclass(frozen=True, eq=False)
 class CertifiedProof:
-    """What a certificate may support.
+    """A certificate, and the reasons for which it supports nothing.
 
-    `rejected`: why it is rejected, or ""; `not_rechecked`: why the re-checker neither accepts nor
-    rejects it, or ""; `why`: what else keeps it from supporting any goal, or "". `report`: the
-    re-checker's, if it accepted it.
+    Each reason is "" if it does not apply: `rejected` by the re-checker; `not_rechecked`, neither
+    accepted nor rejected; `why`, anything else that keeps the certificate from supporting a goal.
+    `report` is the re-checker's report if it accepted the certificate.
     """
 
     path: str = ""
@@ -73,7 +73,7 @@ class CertifiedProof:
     def confirmed_reports(
         self, flat: System, module: Module, params: dict[str, str]
     ) -> tuple[list[RecheckedModule], str]:
-        """The re-checker's reports on exactly this module, one a view, or why there are none."""
+        """The re-checker's reports on this module, one for each view, or why it has no report."""
         if module.forced is not None:
             forced = module.forced.upper()
             return [], f"the module is forced to {forced}: its switch does not switch"
@@ -104,7 +104,7 @@ def certified_proof(
     progress: Progress | None,
     tell: Tell,
 ) -> CertifiedProof:
-    """What a certificate supports of a system; `tell` gets misfits; SoterError D006, D007, D009."""
+    """Compares a certificate with a system; calls `tell` on a misfit. Raises D006, D007, D009."""
     if cert is None:
         return CertifiedProof(why="no certificate was given (--cert DIR)")
     known = _compared_certificate(Path(cert), flat, params)
@@ -125,7 +125,7 @@ def certified_proof(
 
 
 def _compared_certificate(folder: Path, flat: System, params: dict[str, str]) -> CertifiedProof:
-    """The certificate, after fast tests of seal, hashes and the manifest's subject."""
+    """Reads a certificate, and compares its seal, hashes, program and parameters."""
     from soter.certificate.reading.folder import (  # noqa: PLC0415 - needs NumPy
         NotACertificateError,
         read_certificate,
@@ -149,7 +149,7 @@ def _compared_certificate(folder: Path, flat: System, params: dict[str, str]) ->
         return CertifiedProof(path, rejected=f"the manifest is not as it should be: {error}")
     assert checked.program is not None
     if checked.program.sha256 != flat.program.sha256:
-        return CertifiedProof(path, sha256, why=_why_other_program(flat, checked, overrides))
+        return CertifiedProof(path, sha256, why=_other_program_note(flat, checked, overrides))
     entries = _manifest_entries(certificate, flat)
     if not entries:
         return CertifiedProof(path, sha256, why=OTHER_MODULE)
@@ -158,8 +158,8 @@ def _compared_certificate(folder: Path, flat: System, params: dict[str, str]) ->
     return CertifiedProof(path, sha256, certificate=certificate, entries=entries)
 
 
-def _why_other_program(flat: System, certified: CheckResult, overrides: dict[str, Any]) -> str:
-    """Why a certificate is of another program, and what `soter diff` says of each module."""
+def _other_program_note(flat: System, certified: CheckResult, overrides: dict[str, Any]) -> str:
+    """Notes that the certificate has another program, and which modules pose the same problem."""
     from soter.verify.posed_problems import posed_problems_in  # noqa: PLC0415 - needs the prover
 
     try:
@@ -172,7 +172,7 @@ def _why_other_program(flat: System, certified: CheckResult, overrides: dict[str
 
 
 def _certified_parameters(checked: Any, system: str, overrides: dict[str, Any]) -> dict[str, str]:  # noqa: ANN401
-    """The parameters' values in the certificate; {"": ""}, which fits none, after errors."""
+    """The parameter values in the certificate, or {"": ""}, which matches no system, on errors."""
     from soter.certificate.scope import param_values  # noqa: PLC0415 - needs NumPy
 
     try:
@@ -182,7 +182,7 @@ def _certified_parameters(checked: Any, system: str, overrides: dict[str, Any]) 
 
 
 def _manifest_entries(certificate: Certificate, flat: System) -> dict[str, list[dict[str, Any]]]:
-    """By name of a module that is not forced: its entries in the certificate's manifest."""
+    """Maps each module that is not forced to its entries in the manifest of the certificate."""
     listed = certificate.manifest.get("modules")
     entries_by_module: dict[str, list[dict[str, Any]]] = {}
     switching = {m.name for m in flat.modules if m.forced is None}
@@ -195,7 +195,7 @@ def _manifest_entries(certificate: Certificate, flat: System) -> dict[str, list[
 
 
 def file_hash(path: Path) -> str:
-    """SHA-256 of a file; SoterError D006 if it cannot be read."""
+    """The SHA-256 hash of a file. Raises SoterError D006 if the file cannot be read."""
     try:
         digest = hashlib.sha256()
         with open_finite_file(path, pipes=False) as file:
@@ -213,7 +213,7 @@ UNUSED = "none: no decision module was compiled for this case"
 
 @cache
 def rechecker_sha256() -> str:
-    """SHA-256 over the files of the re-checker."""
+    """The SHA-256 hash over all files of the re-checker."""
     hashed = hashlib.sha256()
     for room in RECHECKER:
         for path in files_below(SOTER / room, "*.py", "*.soter"):
@@ -223,13 +223,13 @@ def rechecker_sha256() -> str:
 
 
 def compiler_used() -> str:
-    """The compiler of decision modules on this machine, and its flags; SoterError X005."""
+    """This machine's compiler for decision modules, with its flags. Raises SoterError X005."""
     compiler = find_compiler()
     return f"{compiler_version(compiler)}; {' '.join((*compiler.flags, *library_flags()))}"
 
 
 def case_provenance(proof: CertifiedProof, command: str) -> dict[str, str]:
-    """The tools and files behind the case, by their names on the page; not the compiler."""
+    """The tools and files that the case comes from, by label on its page, without the compiler."""
     certificate = f"SHA-256 {proof.sha256}" if proof.sha256 else ""
     why = f"rejected: {proof.rejected}" if proof.rejected else proof.why
     why = f"not re-checked: {proof.not_rechecked}" if proof.not_rechecked else why
@@ -244,7 +244,7 @@ def case_provenance(proof: CertifiedProof, command: str) -> dict[str, str]:
 
 
 def command_line(path: str, options: Mapping[str, object], params: Mapping[str, object]) -> str:
-    """The line `soter assure ...` with these options, but without those None or False."""
+    """The command line `soter assure ...`; leaves out options whose value is None or False."""
     words = ["soter", "assure", path]
     for name, value in params.items():
         words += ["--set", f"{name}={str(value).lower() if isinstance(value, bool) else value}"]

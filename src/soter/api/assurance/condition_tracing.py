@@ -50,13 +50,13 @@ PLACE = re.compile(r"(.*?)(?:, (\S+:\d+))?", re.DOTALL)
 def trace_conditions(
     case: SafetyCase, declared: System, flat: System, tested: list[tuple[str, Shown]]
 ) -> None:
-    """Adds the traces of conditions to a case that has its other traces.
+    """Adds the traces from conditions in the C to a case that has all other traces.
 
-    `declared`: the system as declared; `flat`: the same with predicates computed; a DM that
-    computes them is not checked here, which would take too long. `tested`: what was run before,
-    with what it showed.
+    `declared` is the system before its predicates were computed, `flat` the one after. The check of
+    decision modules is skipped if predicates had to be computed, as it takes too long. `tested`
+    lists earlier runs with the conditions that each showed.
 
-    A condition is covered by the first run that shows, with all before it, that it decides alone.
+    A run covers a condition if it shows, with the runs before it, that the condition decides alone.
     """
     builder = UnitBuilder(flat, lower(flat), None)
     unit = builder.build_unit()
@@ -90,7 +90,7 @@ def trace_conditions(
 
 
 def _root_functions(builder: UnitBuilder, flat: System, name: str) -> list[str]:
-    """The C functions that a property is about; for a test those of all nodes and modules."""
+    """The C functions that a property depends on; for a test, those of all nodes and modules."""
     for p in flat.properties:
         if p.component is None and " ".join(f"{p.kind} {p.text}".split()) == name:
             return [f"{builder.prefix}_property_{p.index}"]
@@ -104,7 +104,7 @@ def _root_functions(builder: UnitBuilder, flat: System, name: str) -> list[str]:
 
 
 def _shown_by_flights(flat: System) -> Iterator[tuple[str, Shown]]:
-    """Yields what flights with seeds 1 to `RUNS` show, or why no flights are possible."""
+    """Yields the conditions that flights with seeds 1 to `RUNS` show, or why none is possible."""
     phase("flying to see conditions")
     with watching() as seen:
         try:
@@ -122,7 +122,7 @@ def _shown_by_flights(flat: System) -> Iterator[tuple[str, Shown]]:
 
 
 def _shown_by_dm_check(case: SafetyCase, flat: System) -> Iterator[tuple[str, Shown]]:
-    """Yields what the check of the decision modules shows; notes those that differ."""
+    """Yields the conditions that the DM check shows; notes in the case which DMs differ."""
     from soter.verify.deploy.dm_check import check_decisions  # noqa: PLC0415 - compiles
 
     with watching() as seen:
@@ -136,7 +136,7 @@ def _shown_by_dm_check(case: SafetyCase, flat: System) -> Iterator[tuple[str, Sh
 
 
 def _cumulative_coverage(shown: list[tuple[str, Shown]]) -> Iterator[tuple[str, Shown]]:
-    """Yields each pair with the union of what it and all pairs before it show."""
+    """Yields each pair again, but with all that it and the pairs before it show."""
     total: Shown = {}
     for run, seen in shown:
         total = {k: total.get(k, set()) | seen.get(k, set()) for k in total.keys() | seen.keys()}

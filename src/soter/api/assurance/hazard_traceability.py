@@ -58,7 +58,7 @@ NUMBER = re.compile(r"(?<![\w.])(?<![\w\]]\[)-?\d[\d.e+-]*")
 
 @dataclass(frozen=True)
 class HazardRow:
-    """A row with its place `span`. `traces_to`: ids of requirements or names of properties."""
+    """A row of a file of hazards; it traces to requirement ids or property names. `span`: place."""
 
     kind: str
     id: str
@@ -80,7 +80,7 @@ class HazardFile:
 
 
 def read_hazards(path: Path) -> HazardFile:
-    """The content of a file of hazards; SoterError D006 if unreadable, D021 for wrong lines."""
+    """Reads a file of hazards. Raises D006 if it is unreadable, D021 if lines are wrong."""
     try:
         raw = read_bytes(path)
     except OSError as error:
@@ -123,7 +123,7 @@ def _hazard_rows(source: Source, diagnostics: Diagnostics) -> Iterator[HazardRow
 
 
 def _csv_records(source: Source, diagnostics: Diagnostics) -> Iterator[tuple[list[str], Span]]:
-    """Yields each record with its place; stops, with a diagnostic, at one that is not CSV."""
+    """Yields each record with its place; stops with a diagnostic at the first invalid record."""
     lines = list(StringIO(source.text, newline=""))
     ends = [0]
     for line in lines:
@@ -182,7 +182,7 @@ def _hazard_row(cells: dict[str, str], span: Span) -> HazardRow:
 
 
 def _is_sound_row(row: HazardRow, diagnostics: Diagnostics) -> bool:
-    """Whether a row has a known kind, an id, and the cells of its kind; reports D021 if not."""
+    """Whether a row has a known kind, an id and the cells of its kind. Reports D021 otherwise."""
     before = diagnostics.error_count
     if row.kind not in KINDS:
         helps = did_you_mean(row.kind, KINDS) or (f"kinds are {', '.join(KINDS)}",)
@@ -215,21 +215,21 @@ ANSWERS = (
 
 @dataclass(frozen=True)
 class Tracing:
-    """A file of rows that fits a system, or None. `how`: by property, how it is shown."""
+    """The file of hazards, if any; `how` maps each property to the evidence that shows it."""
 
     file: HazardFile | None
     how: dict[str, str]
 
     @staticmethod
     def read_tracing(path: Path | None, flat: System) -> Tracing:
-        """Reads a file; SoterError D006, and D021 if a row names what the system lacks."""
+        """Reads a file of hazards. Raises D006, and D021 for a row that names unknown things."""
         tracing = Tracing(None if path is None else read_hazards(path), _traceable_properties(flat))
         if tracing.file is not None:
             _require_traces(tracing.file.rows, tracing.how)
         return tracing
 
     def enter_traces(self, case: SafetyCase) -> None:
-        """Adds owners of assumptions, traces and open items to a case; SoterError D021."""
+        """Adds traces, open items and owners of assumptions to a case. Raises SoterError D021."""
         rows = () if self.file is None else self.file.rows
         assumptions = [n for n in case.nodes if n.kind == "assumption"]
         stale = list(_owner_gaps(assumptions, [r for r in rows if r.kind == "assumption"]))
@@ -263,7 +263,7 @@ class Tracing:
 
 
 def _traceable_properties(flat: System) -> dict[str, str]:
-    """By name of a property to which a row may trace: how that property is shown."""
+    """The evidence ("proof", "exploration" or "flights") for each property a row may trace to."""
     names = [f"{m.name}.{name}" for name in (SAFE, RETURNS, LAW) for m in flat.modules]
     how = dict.fromkeys(names, "proof")
     how |= {n: "exploration" for n in flat.program.tests if "." not in n}
@@ -305,7 +305,7 @@ def _check_acyclic(by_id: Mapping[str, HazardRow], diagnostics: Diagnostics) -> 
 
 
 def reached_properties(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
-    """By id of a row: the properties to which it traces, also over other rows, each once."""
+    """Maps each row's id to the properties that it reaches, directly or through other rows."""
     by_id = {r.id: r for r in rows}
     reached: dict[str, list[str]] = {}
     graph = {r.id: [t for t in r.traces_to if t in by_id] for r in rows}
@@ -318,7 +318,7 @@ def reached_properties(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
 def _traced_items(
     rows: Sequence[HazardRow], reached: dict[str, list[str]], status: dict[str, str]
 ) -> Iterator[TracedItem]:
-    """Yields each row's item; it is supported if all its properties and requirements are."""
+    """Yields the item of each row, with its status from its properties and requirements."""
     by_id = {r.id: r for r in rows}
     words: dict[str, str] = {}
     for id_, names in reached.items():
@@ -353,9 +353,9 @@ def _untraced_properties(properties: Sequence[TracedProperty]) -> Iterator[OpenI
 
 
 def _owner_gaps(assumptions: Sequence[CaseNode], rows: Sequence[HazardRow]) -> Iterator[OpenItem]:
-    """Enters owners of assumptions; yields unmatched rows as open, or raises SoterError D021."""
+    """Sets owners of assumptions and yields rows that match none. May raise SoterError D021."""
     known = {n.key for n in assumptions}
-    groups = {_is_of_test(key) for key in known}
+    groups = {_is_test_assumption(key) for key in known}
     diagnostics = Diagnostics()
     for r in rows:
         for n in assumptions:
@@ -363,7 +363,7 @@ def _owner_gaps(assumptions: Sequence[CaseNode], rows: Sequence[HazardRow]) -> I
                 n.owner, n.validation, n.evidence = r.owner, r.validation, r.evidence
         if r.id in known:
             continue
-        if _is_of_test(r.id) in groups:
+        if _is_test_assumption(r.id) in groups:
             message = f"the case has no assumption `{r.id}`"
             same = [k for k in known if NUMBER.sub("", k or "") == NUMBER.sub("", r.id)]
             changed = (f"it is `{k}` now: does the evidence hold of this number?" for k in same)
@@ -371,12 +371,16 @@ def _owner_gaps(assumptions: Sequence[CaseNode], rows: Sequence[HazardRow]) -> I
             helps = helps or ("`case.json` has the key of each assumption",)
             diagnostics.error(CODE, message, r.span, helps=helps)
         else:
-            why = "no test was explored" if _is_of_test(r.id) else "no certificate was accepted"
+            why = (
+                "no test was explored"
+                if _is_test_assumption(r.id)
+                else "no certificate was accepted"
+            )
             yield OpenItem("assumption", r.id, f"not known whether it is one: {why}")
     diagnostics.raise_errors()
 
 
-def _is_of_test(key: str) -> bool:
+def _is_test_assumption(key: str) -> bool:
     return key.startswith("test ")
 
 

@@ -47,7 +47,7 @@ PLAIN = re.compile(r"-?[A-Za-z_0-9.\[\]]+")
 
 @dataclass(frozen=True)
 class _Text:
-    """An expression as text. `binds`: how tightly; `parts`: for a record, texts of its fields."""
+    """The text of an expression. `binds`: its precedence; `parts`: the texts of record fields."""
 
     text: str
     binds: int = ATOM
@@ -59,7 +59,7 @@ class _Text:
 
 
 def expanded_predicates(system: System, module: Module) -> Iterator[ExpandedPredicate]:
-    """Yields `safe`, `ttf` and `safer` of a module, each expanded on its own."""
+    """Yields `safe`, `ttf` and `safer` of a module, each expanded separately."""
     symbol = module.symbol
     for name, predicate in (("safe", symbol.safe), ("ttf", symbol.ttf), ("safer", symbol.safer)):
         if predicate is None:
@@ -80,7 +80,7 @@ def expanded_predicates(system: System, module: Module) -> Iterator[ExpandedPred
 
 @dataclass
 class _Expansion:
-    """Expands one predicate; within it each name stands for one text."""
+    """Expands one predicate into text; a name stands for the same text everywhere in it."""
 
     system: System
     module: Module
@@ -93,7 +93,7 @@ class _Expansion:
     taken: set[str] = field(default_factory=set)
 
     def predicate_text(self, predicate: typed.TypedExpr) -> str:
-        """The text of the predicate as a whole."""
+        """The text of the predicate; the named texts that it does not use are dropped."""
         topics = {
             self.topic_name(n.topic): n.type
             for n in nodes([predicate])
@@ -115,7 +115,7 @@ class _Expansion:
     # ------------------------------------------------------------ names
 
     def named_text(self, base: str, value: _Text) -> _Text:
-        """A name for a text, or for a record names of its fields; equal texts share one."""
+        """Names a text, or each long field of a record; equal texts share a name."""
         if value.parts:
             parts = {
                 name: self.named_text(f"{base}_{name}", part) if _is_long(part) else part
@@ -139,7 +139,7 @@ class _Expansion:
         return name
 
     def noted_constant(self, name: str, t: Type, value: Value) -> _Text:
-        """The name of a constant or parameter; its value is noted for the reader."""
+        """The name of a constant or parameter; notes the value for the reader."""
         known = self.constants.get(name)
         if known is None:
             text = _constant_text(t, value)
@@ -157,7 +157,7 @@ class _Expansion:
     # ------------------------------------------------------------ expressions
 
     def expression_text(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> _Text:
-        """The text of an expression; `env`: parameters and lets of the functions around it."""
+        """The text of an expression; `env` has the texts of parameters and lets in scope."""
         match e:
             case typed.Literal() if e.name is not None and not isinstance(e.type, EnumType):
                 return self.noted_constant(e.name, e.type, e.value)
@@ -182,7 +182,7 @@ class _Expansion:
         return _Text(self.atom_text(e, env))
 
     def operation_text(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> _Text:
-        """The text of an operation, with the parentheses that it or a reader needs."""
+        """The text of an operation, with parentheses where syntax or readability needs them."""
         if isinstance(e, typed.TypedUnary):
             operand = self.expression_text(e.operand, env)
             within = operand.bracketed(ATOM if operand.text.startswith(("-", "!")) else UNARY)
@@ -203,7 +203,7 @@ class _Expansion:
         return _Text(f"{first} {e.op} {right.bracketed(beside)}", binds)
 
     def field_text(self, e: typed.TypedField, env: dict[typed.Variable, _Text]) -> _Text:
-        """The text of a field; if the record is written out, only the text of that part."""
+        """The text of a field; for a record literal, only the text of that field."""
         target = self.expression_text(e.target, env)
         assert isinstance(e.target.type, RecordType)
         name = e.target.type.fields[e.index][0]
@@ -242,7 +242,7 @@ class _Expansion:
     # ------------------------------------------------------------ functions
 
     def call_text(self, e: typed.TypedCall, env: dict[typed.Variable, _Text]) -> _Text:
-        """The text of a function's result, or the call if its body is not an expression."""
+        """The text of a function's result, or of the call if the body is no expression."""
         fun = e.fun
         texts = [self.expression_text(x, env) for x in e.arguments]
         short = fun.name.rpartition(".")[2]
@@ -261,7 +261,7 @@ class _Expansion:
         return result
 
     def kept_call_name(self, fun: typed.FunSymbol) -> str:
-        """The name of a function that stays a call; notes its text and those it calls."""
+        """Gives the name of a function that stays a call; notes its source for the reader."""
         short = fun.name.rpartition(".")[2]
         if fun.prelude:
             return short
@@ -281,7 +281,7 @@ class _Expansion:
         return name
 
     def body_text(self, body: Sequence[typed.TypedStmt], env: dict[typed.Variable, _Text]) -> _Text:
-        """The text of the value that a body returns; the body is an `_is_expression`."""
+        """The text of the value that a body returns; `_is_expression` must hold for the body."""
         first, rest = body[0], body[1:]
         if isinstance(first, typed.TypedReturn):
             return self.expression_text(first.value, env)
@@ -326,7 +326,7 @@ def _record_text(parts: dict[str, _Text]) -> _Text:
 
 
 def _definitions_in(text: str, topics: dict[str, Type]) -> dict[str, Definition]:
-    """By name: type and unit of each topic, and field of a topic, that a text mentions."""
+    """Maps each topic and topic field that a text mentions to its type and unit."""
     read = {}
     for name, t in topics.items():
         for path in re.findall(rf"(?<![\w.]){re.escape(name)}((?:\.\w+)*)(?![\w:])", text):
@@ -353,7 +353,7 @@ def _constant_text(t: Type, value: Value) -> str:
 
 
 def _source_text(fun: typed.FunSymbol) -> str:
-    """The source of a function from its name on; for an extern only its first line."""
+    """The source of a function from its name on; only the first line if it is an extern."""
     text = fun.span.source.text[fun.span.start :]
     end = text.find(";") if fun.body is None else _closing_brace(text)
     return text[: end + 1]

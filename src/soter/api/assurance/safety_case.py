@@ -41,7 +41,7 @@ from soter.language.elaborate.derived_systems import faultless
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
-from soter.report.atomic_write import own_path
+from soter.report.atomic_write import path_without_links
 from soter.report.safety_case import (
     LAWS,
     RETURNS,
@@ -73,9 +73,9 @@ UNTRIED = (typed.AgeRead, typed.ModeRead)
 def check_compiled(
     flat: System, module: Module, entries: Sequence[dict[str, Any]], certificate: Certificate
 ) -> tuple[str, str, bool]:
-    """What was tried of the C, why that is not enough ("" if it is), and whether the C differs.
+    """Compares a DM's C with the model: a summary, why it is not enough, and whether they differ.
 
-    `flat`: the system as declared; `entries`: the certificate's for the module, one for each view.
+    `flat`: as declared; `entries`: one for each view; the second text is "" if the check suffices.
     """
     from soter.verify.deploy.dm_check import check_problem  # noqa: PLC0415 - compiles
     from soter.verify.problem.extract import extract  # noqa: PLC0415 - needs NumPy
@@ -103,7 +103,7 @@ def check_compiled(
 def _group_tables(
     problem: Problem, entries: Sequence[dict[str, Any]], certificate: Certificate
 ) -> list[GroupTable]:
-    """The confirmed tables of the DM; [] if one is no table of cells, or the view is missing."""
+    """The confirmed tables of the DM; [] if the view is missing or a table is not of cells."""
     import numpy as np  # noqa: PLC0415 - only then
 
     from soter.verify.deploy.level_tables import PER_BYTE, GroupTable  # noqa: PLC0415 - needs NumPy
@@ -153,7 +153,7 @@ COMPILED = "G6"
 
 @dataclass(frozen=True)
 class _ConfirmedModule:
-    """A module with its number, and what the re-checker confirmed of it."""
+    """A module with its number and the re-checker's reports, or `why` it has no reports."""
 
     number: int
     module: Module
@@ -161,7 +161,7 @@ class _ConfirmedModule:
     why: str
 
     def why_unconfirmed(self, claim: str) -> str:
-        """Why a claim is not confirmed; "" if it is confirmed in every view."""
+        """Why a claim about the module is unconfirmed, or "" if every view confirms it."""
         if self.reports and all(claim in m.confirmed for m in self.reports):
             return ""
         answers = dict.fromkeys(m.claims.get(claim, "not claimed") for m in self.reports)
@@ -169,7 +169,7 @@ class _ConfirmedModule:
 
 
 def add_argument(case: SafetyCase, flat: System, proof: CertifiedProof) -> CaseNode:
-    """Adds the goals about the certificate, notes refutations, and gives the top goal."""
+    """Adds the goals about the certificate, notes refutations, and returns the top goal."""
     if proof.rejected:
         case.refuted.append(f"the certificate is rejected: {proof.rejected}")
     shown = [
@@ -197,9 +197,9 @@ def _add_assumptions(
     rest: Sequence[RecheckAssumption],
     report: Report,
 ) -> None:
-    """Adds what the proof and its re-check assume, what is vacuous, and the `rest` not covered.
+    """Adds the assumptions of proof and re-check, warnings of empty proofs, and uncovered `rest`.
 
-    What the manifest alone states has no key of what is derived: owners stand beside that.
+    An assumption that only the manifest states gets the key `stated ...` if a derived one has it.
     """
     derived = {a.text: a.key for m in used for a in m.assumptions}
     taken = {NUMBER.sub("", key) for key in derived.values()}
@@ -227,7 +227,7 @@ def _vacuous_sentences(used: Sequence[RecheckedModule]) -> list[str]:
 
 
 def _top_goal_text(flat: System) -> str:
-    """The text of the top goal: safe while the trusted part runs (a later law has its own goal)."""
+    """The text of the top goal: the system stays safe as long as its trusted part runs."""
     kept = " and ".join(f"`{_safe(m)}`" for m in flat.modules) or "nothing"
     return (
         f"System {flat.name} keeps {kept} for as long as its trusted part runs, in every run that "
@@ -256,11 +256,15 @@ def _add_module_goals(
     )
     for name, meaning in PROPERTIES.items():
         child = case.add(CaseNode(f"{id_}.{name}", "goal", f"{name}: {meaning}"), under=goal)
-        _add_leaf(case, child, f"Sn.{each.number}.{name}", each.why_unconfirmed(name), proof)
+        _add_evidence_leaf(
+            case, child, f"Sn.{each.number}.{name}", each.why_unconfirmed(name), proof
+        )
 
 
-def _add_leaf(case: SafetyCase, goal: CaseNode, id_: str, why: str, proof: CertifiedProof) -> None:
-    """Adds evidence from the certificate below a goal, or `why` there is none."""
+def _add_evidence_leaf(
+    case: SafetyCase, goal: CaseNode, id_: str, why: str, proof: CertifiedProof
+) -> None:
+    """Adds evidence from the certificate below a goal, or records `why` evidence is missing."""
     leaf = CaseNode(id_, "solution", "no evidence" if why else RECHECKED, checked=not why, why=why)
     if not why:
         leaf.path, leaf.sha256 = proof.path, proof.sha256
@@ -270,7 +274,7 @@ def _add_leaf(case: SafetyCase, goal: CaseNode, id_: str, why: str, proof: Certi
 def _add_return_goals(
     case: SafetyCase, top: CaseNode, shown: list[_ConfirmedModule], proof: CertifiedProof
 ) -> None:
-    """Adds the goal of P2b for all modules for which the program demands it."""
+    """Adds the goal that AC regains control (P2b), for modules whose program demands it."""
     asked = [each for each in shown if not each.module.symbol.stay_clause]
     for each in shown:
         if each not in asked:
@@ -287,7 +291,7 @@ def _add_return_goals(
         child = case.add(
             CaseNode(f"{RETURNS}.{each.number}", "goal", text, property=name), under=goal
         )
-        _add_leaf(case, child, f"Sn.4.{each.number}", each.why_unconfirmed("P2b"), proof)
+        _add_evidence_leaf(case, child, f"Sn.4.{each.number}", each.why_unconfirmed("P2b"), proof)
 
 
 def _add_law_goals(
@@ -307,13 +311,13 @@ def _add_law_goals(
             why = NO_LAW
         # it begins where the module has kept the state until then
         why = why or next(filter(None, map(each.why_unconfirmed, PROPERTIES)), "")
-        _add_leaf(case, child, f"Sn.5.{each.number}", why, proof)
+        _add_evidence_leaf(case, child, f"Sn.5.{each.number}", why, proof)
 
 
 def _add_compiled_goals(
     case: SafetyCase, flat: System, shown: list[_ConfirmedModule], proof: CertifiedProof
 ) -> bool:
-    """Adds the goal that the C of each DM switches as the argument assumes, checked now."""
+    """Adds the goal that the C of each DM switches as proved; compiles and runs the C now."""
     if not shown:
         return False
     text = "Every compiled RTA switch is the one that the argument is about"
@@ -356,14 +360,14 @@ def assure(
     progress: Progress | None = None,
     tell: Tell = lambda _: None,
 ) -> Assurance:
-    """Makes the case and writes it to the folder `output`.
+    """Makes the safety case and writes it to the folder `output`.
 
-    `tests`: explore them now; `flights`: how many of a campaign to fly again; `hazards`: a CSV file
-    of hazards, requirements and owners of assumptions (docs/assure.md); `trace`: write
-    `trace.csv`, too, from each of them to conditions of the generated C and what covers these;
-    `tell` is called first with what does not fit the program. SoterError D009 if there is no
-    certificate, D005 for a wrong report, D021 for wrong hazards, D006 if something cannot be read
-    or written, D007 without the extra `prove`, and as `Program.flat`.
+    `tests`: explore them now; `flights`: how many flights of the campaign to fly again; `hazards`:
+    a CSV file of hazards, requirements and owners of assumptions (docs/assure.md); `trace`: also
+    write `trace.csv`, which leads from these rows to conditions of the generated C and to the runs
+    that cover them; `tell` is called early with each misfit. Raises SoterError D009 without a
+    certificate, D005 for a wrong report, D021 for wrong hazards, D006 if a file cannot be read or
+    written, D007 without the extra `prove`, and all errors of `Program.flat`.
     """
     require_flint()
     from soter.certificate.scope import param_values  # noqa: PLC0415 - needs NumPy
@@ -410,14 +414,14 @@ def assure(
 def _add_test_goals(
     case: SafetyCase, evidence: Evidence, *, explored: bool, counted: bool
 ) -> list[tuple[str, Any]]:
-    """Adds the goals of tests; gives what tests show of conditions, if that is `counted`."""
+    """Adds the goals of tests; if `counted`, returns the conditions that the tests show."""
     with watching() if counted else nullcontext() as seen:
         evidence.add_tests(case, explored=explored)
         return [("the tests of the program", seen())] if seen and explored else []
 
 
 def _add_top_contexts(case: SafetyCase, flat: System, top: CaseNode) -> None:
-    """Adds the context of the top goal: faults in the runs, and which evidence does not count."""
+    """Adds the contexts of the top goal: faults in runs, and that tests do not support it."""
     if flat.faults:
         faulty = CaseNode("C-faults", "context", "runs with the `faults` of the system")
         case.add(faulty, beside=top)
@@ -433,19 +437,19 @@ def _add_top_contexts(case: SafetyCase, flat: System, top: CaseNode) -> None:
 
 
 def _plant_equations(flat: System) -> dict[str, tuple[str, ...]]:
-    """By instance and name of a plant: its equations as the program writes them."""
+    """Maps the name of each plant, with its instances, to its equations in the program."""
     names: dict[PlantSymbol, list[str]] = {}
     for c in flat.components:
         if c.plant is not None:
             names.setdefault(c.plant, []).append(c.name)
     return {
-        f"{', '.join(instances)}: {plant.name}": _plant_sources(plant)
+        f"{', '.join(instances)}: {plant.name}": _equation_texts(plant)
         for plant, instances in names.items()
     }
 
 
-def _plant_sources(plant: PlantSymbol) -> tuple[str, ...]:
-    """The source texts of a plant's equations; () for an extern plant."""
+def _equation_texts(plant: PlantSymbol) -> tuple[str, ...]:
+    """The source texts of a plant's equations; empty for an extern plant."""
     equations = [("let", v, e) for v, e in plant.lets]
     equations += [("der", v, e) for v, e in plant.der.items()]
     equations += [("next", v, e) for v, e in plant.next.items()]
@@ -456,12 +460,12 @@ def _plant_sources(plant: PlantSymbol) -> tuple[str, ...]:
 
 
 def _write_files(case: SafetyCase, folder: Path) -> tuple[Path, ...]:
-    """Writes the files and returns their paths; SoterError D006 if one cannot be written."""
+    """Writes the files and returns their paths. Raises D006 if a file cannot be written."""
     from soter.report.html import write_text  # noqa: PLC0415 - only then
     from soter.report.safety_case_page import write_case  # noqa: PLC0415 - only then
 
     try:
-        page, data, document, table = (own_path(folder, name) for name in FILES)
+        page, data, document, table = (path_without_links(folder, name) for name in FILES)
     except OSError as error:
         raise mistake("D006", str(error)) from error
     write_case(case, page)

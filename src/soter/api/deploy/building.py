@@ -48,11 +48,11 @@ def build(
 ) -> Package:
     """Writes the package of a target into the folder `output`.
 
-    `completed`: returns the system with computed predicates, and notes; its argument has those that
-    a certificate confirms. `mapping`: for targets with a middleware, a file or its content.
-    `board`: for targets that are an image, the name of a board or its file.
+    `completed` takes the predicates that a certificate confirms, or None, and returns the system
+    with computed predicates, and notes. `mapping`: a file or its content, for targets with a
+    middleware. `board`: the name or file of a board, for targets that are an image.
 
-    `SoterError` as `inheritance_report` and `build_package`.
+    Raises the errors of `inheritance_report` and `build_package`.
     """
     require_options(target, mapping=mapping is not None, board=board is not None)
     place = None if board is None else read_board(board)
@@ -85,7 +85,7 @@ def build(
 
 
 def _left_out_bindings(bindings: Bindings) -> list[str]:
-    """Notes on bindings to Python and to policies, which a package in C does not contain."""
+    """Notes on bindings to Python or to policies, which a C package does not contain."""
     notes = []
     for x in bindings.externs:
         binding = binding_of(x.bound) if isinstance(x.bound, str) else None
@@ -100,9 +100,9 @@ def _left_out_bindings(bindings: Bindings) -> list[str]:
 
 
 def built_image(package: Package, board: str | None, stack: StackBound) -> Image | None:
-    """Builds the image of a package for a board; None for another package. See `build_image`.
+    """Builds the image of a package for a board; None if the package needs no image.
 
-    `stack`: the bound of the package; SoterError X015 if the board has less.
+    `stack`: the stack bound of the package. Raises SoterError X015 if the board has less stack.
     """
     if board is None:
         return None

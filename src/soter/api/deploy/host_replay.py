@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 
 def recorded_inputs(system: System, until_ns: int, seed: int) -> Recording:
-    """The values of topics from outside in a run of the proved system, in order of time.
+    """Records the values of input topics in a run of the proved system, in order of time.
 
-    [] if no other system was proved, or it has unbound externs; SoterError of `NativeProgram`.
+    [] if no other system was proved or it has unbound externs. Raises as `NativeProgram` does.
     """
     proved = system.proved
     if proved is None or any(x.extern and x.binding is None for x in proved.components):
@@ -55,12 +55,12 @@ def recorded_inputs(system: System, until_ns: int, seed: int) -> Recording:
 
 
 def recording_text(recording: Recording) -> str:
-    """The recording as text for `runtime/cortex_m/soter_recording.h`, which describes it."""
+    """The recording as text, in the format of `runtime/cortex_m/soter_recording.h`."""
     return "".join(f"{time} {topic} {value.hex()}\n" for time, topic, value in recording)
 
 
 def sha256_of_replay(native: NativeProgram, recording: Recording, until_ns: int, seed: int) -> str:
-    """SHA-256 of the trace of a run that reads the recording; no extern may be asked in it."""
+    """The SHA-256 hash of the trace of a run fed by the recording; the run may ask no extern."""
     library, digest, inputs = native.load().library, hashlib.sha256(), iter(recording)
     state = library.new_state(seed)
     waiting = next(inputs, None)
@@ -74,7 +74,7 @@ def sha256_of_replay(native: NativeProgram, recording: Recording, until_ns: int,
 
 
 def replay_on_host(bindings: Bindings) -> Replay:
-    """The run that an image repeats, made here; without its trace if an extern has to answer."""
+    """Makes the run here that an image repeats; it has no trace if the run asks an extern."""
     system = bindings.system
     until, seed = replay_end_ns(system), 1
     if any(x.extern and not (x.binding or "").startswith("c:") for x in system.components):

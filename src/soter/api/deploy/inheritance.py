@@ -43,7 +43,7 @@ levels that is chosen."""
 
 @dataclass
 class DeploymentReport:
-    """What a system inherits. `lines`: for people; `document`: for programs and the package."""
+    """Reports on the proof that a system inherits: `lines` for people, `document` for code."""
 
     certificate: str = ""
     lines: list[str] = field(default_factory=list)
@@ -53,7 +53,7 @@ class DeploymentReport:
 
     @property
     def files(self) -> list[PackageFile]:
-        """Files that the package gets in addition; [] if the system deploys no other."""
+        """The additional files for the package; [] if the system deploys no other system."""
         if not self.document:
             return []
         return [PackageFile(FILE, json.dumps(self.document, indent=1) + "\n")]
@@ -62,9 +62,9 @@ class DeploymentReport:
 def inheritance_report(here: System, cert: str | Path | None) -> DeploymentReport:
     """Reports which proof a fresh flat system inherits; empty if it deploys no other.
 
-    `SoterError` D019 if something from outside is not covered, D020 if the certificate is rejected,
-    not re-checked or about another program, D009 and D007 as `recheck`, U001 for a certificate and
-    a system that deploys none.
+    Raises SoterError D019 if something from outside is not covered; D020 if the certificate is
+    rejected, not re-checked or about another program; D009 and D007 as `recheck` does; U001 for a
+    certificate of a system that deploys no other.
     """
     target_system = here.proved
     if target_system is None:
@@ -111,11 +111,11 @@ class _CertifiedTables:
     def _certificate(self) -> Certificate:
         certificate = read_certificate(self.folder)
         if certificate.seal != self.seal:
-            raise _other_certificate(self.folder, "it was changed while it was checked")
+            raise _other_certificate_error(self.folder, "it was changed while it was checked")
         return certificate
 
     def sets(self, problem: Problem) -> list[Pairs] | None:
-        """The certificate's sets for a problem, if the re-checker confirmed all; else None."""
+        """The certificate's sets for a problem if the re-checker confirmed all, else None."""
         from soter.verify.deploy.proof_transfer import certified_sets  # noqa: PLC0415 - NumPy
 
         reports = self.confirmed.get(problem.name, [])
@@ -125,7 +125,7 @@ class _CertifiedTables:
         return certified_sets(self._certificate, reports[0].system, problem.name, problem)
 
     def check_build(self, problem: Problem, level_tables: Sequence[LevelTable] | None) -> None:
-        """Raises SoterError D020 if the module is built with figures that are not certified."""
+        """Raises SoterError D020 if the module is built with tables that are not certified."""
         from soter.verify.deploy.proof_transfer import difference_from_certificate  # noqa: PLC0415 - needs NumPy
 
         reports, name = self.confirmed.get(problem.name, []), problem.name
@@ -134,14 +134,14 @@ class _CertifiedTables:
         compared = self._certificate, reports[0].system, name, problem, level_tables
         if differing := difference_from_certificate(*compared):
             why = f"`{name}` is built with other {differing} than it has"
-            raise _other_certificate(self.folder, why)
+            raise _other_certificate_error(self.folder, why)
         oldest, plan = problem.times.delay_sc, problem.module.symbol.sc.name
         held = [r.plan_times.get(plan, r.times) for r in reports]
         if any(times.get("d_ns", oldest) < oldest for times in held):
             why = (
                 f"`{name}` was checked again for reads that are no older than its plants make them"
             )
-            raise _other_certificate(self.folder, why)
+            raise _other_certificate_error(self.folder, why)
 
 
 def _inheritance_entry(
@@ -186,13 +186,13 @@ def _entry_lines(entry: dict[str, Any], name_of_proved: str, seal: str) -> list[
 
 
 def _seal_of_same_program(folder: Path, report: Report, proved: System) -> str:
-    """The seal of an accepted certificate that is about this program; `SoterError` D020."""
+    """The seal of an accepted certificate about this program. Raises SoterError D020."""
     if not report.accepted:
         outcome = "is rejected" if report.verdict == REJECTED else "was not re-checked"
-        raise _other_certificate(folder, f"it {outcome}: {report.reason}")
+        raise _other_certificate_error(folder, f"it {outcome}: {report.reason}")
     raw = read_bytes(folder / "manifest.json", MANIFEST_MAX)
     if hashlib.sha256(raw).hexdigest() != report.seal:
-        raise _other_certificate(folder, "it was changed while it was checked")
+        raise _other_certificate_error(folder, "it was changed while it was checked")
     manifest = json.loads(raw)
     home = _declaring_file(proved)
     main = Path(str(manifest["main"]))
@@ -209,12 +209,14 @@ def _seal_of_same_program(folder: Path, report: Report, proved: System) -> str:
         except OSError:
             same = False
         if not same:
-            raise _other_certificate(folder, f"its `{file_name}` is not the one that is built")
+            raise _other_certificate_error(
+                folder, f"its `{file_name}` is not the one that is built"
+            )
     return report.seal
 
 
 def _prefix_of(name: str) -> str:
-    """The prefix that an imported file gives to a name, such as `cart.`."""
+    """The prefix that an imported file gives to a name, e.g. `cart.` or ""."""
     return name[: len(name) - len(name.rpartition(".")[2])]
 
 
@@ -233,10 +235,10 @@ def _program_files(path: str) -> list[LoadedFile]:
 
 
 def _local_names(proved: System, home: Path) -> dict[str, str]:
-    """Full name of a parameter in the certificate -> its full name in this program.
+    """Maps the full name of a parameter in the certificate to its full name in this program.
 
-    An imported file is called by the first name that an import gives it, which differs if the
-    proved system's own file is the main one.
+    An imported file is called by the first name that an import gives it. This name differs if the
+    main file is the one that declares the proved system.
     """
     here = {f.path.resolve(): f.prefix for f in _program_files(proved.program.path)}
     alone = {here[f.path.resolve()]: f.prefix for f in _program_files(str(home))}
@@ -248,7 +250,7 @@ def _local_names(proved: System, home: Path) -> dict[str, str]:
 
 
 def _confirmed_modules(report: Report, proved: System) -> dict[str, list[RecheckedModule]]:
-    """By module of the proved system: the reports on its views; SoterError D020."""
+    """Maps each module of the proved system to the reports on all its views. Raises D020."""
     from soter.certificate.scope import param_values  # noqa: PLC0415 - an extra
 
     short = proved.name.removeprefix(_prefix_of(proved.name))
@@ -263,13 +265,13 @@ def _confirmed_modules(report: Report, proved: System) -> dict[str, list[Recheck
         if checked != values:
             differ = sorted(set(checked.items()) ^ set(values.items()))
             listed = ", ".join(dict.fromkeys(f"`{n}`" for n, _ in differ))
-            raise _other_certificate(None, f"it is about other values of {listed}")
+            raise _other_certificate_error(None, f"it is about other values of {listed}")
         reports_by_module.setdefault(m.name.partition(" as ")[0], []).append(m)
     return reports_by_module
 
 
 def _local_name(name: str, names: dict[str, str]) -> str:
-    """The name in this program for a parameter of the certificate, also of an instance."""
+    """The name in this program of a parameter of the certificate or of an instance in it."""
     declared = name
     while declared not in names and "." in declared:
         declared = declared.partition(".")[2]
@@ -281,7 +283,7 @@ def _declared_name(proved: System, name: str) -> str:
     return name if param is None else param.name
 
 
-def _other_certificate(folder: Path | None, why: str) -> SoterError:
+def _other_certificate_error(folder: Path | None, why: str) -> SoterError:
     subject = f"the certificate `{folder}`" if folder is not None else "the certificate"
     hint = "`soter verify FILE --system NAME --cert DIR` of the file that declares what is deployed"
     return mistake("D020", f"{subject} is not about what is deployed: {why}", hint)

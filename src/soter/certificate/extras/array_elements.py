@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
 
 def row_values(make: Operations, rows: Rows) -> Value:
-    """All numbers of a row at an index that depends on inputs.
+    """All numbers of a row whose index depends on inputs.
 
-    NotRecheckedError where rows differ in length.
+    Raises NotRecheckedError if rows differ in length.
     """
     if len({len(row) for row in rows.elements}) != 1:
         raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
@@ -44,7 +44,7 @@ def row_values(make: Operations, rows: Rows) -> Value:
 
 @remembered_with_doubts
 def element_at(make: Operations, elements: Sequence[Value], index: Linear) -> Value:
-    """The element at an index that depends on inputs; NotRecheckedError if they are no numbers."""
+    """The element at an index that depends on inputs; raises NotRecheckedError if not a number."""
     first = elements[0]
     if isinstance(first, tuple) and all(type(x) in (float, int) for x in first):
         return Rows(elements, index)
@@ -59,7 +59,7 @@ def element_at(make: Operations, elements: Sequence[Value], index: Linear) -> Va
 
 @remembered_with_doubts
 def element_of_table(make: Operations, rows: Rows, index: Value) -> Value:
-    """The element of a table with two indices; NotRecheckedError where rows differ in kind."""
+    """An element of a table with two indices; raises NotRecheckedError if rows differ in kind."""
     first = rows.elements[0]
     if len({len(row) for row in rows.elements}) != 1 or len({type(v) for v in first}) != 1:
         raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
@@ -72,9 +72,9 @@ def element_of_table(make: Operations, rows: Rows, index: Value) -> Value:
 def term_of_table(
     terms: Terms, values: Sequence[float], indices: Sequence[Linear], shape: Sequence[int]
 ) -> Linear:
-    """The term values[index, ...]; that the element exists becomes an obligation.
+    """The term values[index, ...]; adds the obligation that this element exists.
 
-    NotRecheckedError where a value is not finite.
+    Raises NotRecheckedError if a value is not finite.
     """
     if not all(isfinite(v) for v in values):
         raise NotRecheckedError("a table with a number that is not finite")
@@ -89,7 +89,7 @@ def term_of_table(
 def range_of_table(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]:
     """The range of a table's numbers at positions between `ends`, which are whole numbers.
 
-    `values`: one number a cell, of the table's shape (n_1, ..., n_k); `ends`: low and high by axis.
+    `values`: shaped as the table (n_1, ..., n_k); `ends`: the low and high position for each axis.
     """
     part = []
     for axis, size in enumerate(values.shape):
@@ -102,7 +102,7 @@ def range_of_table(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]
 
 
 def enclose_element(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """Row and range of an element: any number between the least and the greatest position."""
+    """The row and range of an element that may have any position between two ends."""
     make = forms.make
     values = make.constant(np.array(atom.values).reshape(atom.shape))
     positions: list[Value] = []

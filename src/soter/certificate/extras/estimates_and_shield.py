@@ -71,9 +71,9 @@ CELLS_IN_A_BYTE = 4
 
 
 def estimate_error(facts: Facts, state: int) -> float:
-    """The error bound of a state's estimate, in the topic leaf that is its axis.
+    """The error bound of a state's estimate, in the topic leaf that shows the state.
 
-    NotRecheckedError where no topic has the state as its axis.
+    Raises NotRecheckedError if no topic shows the state.
     """
     if state not in facts.leaves:
         raise NotRecheckedError(f"no topic carries `{facts.states[state].name}` as its axis")
@@ -108,9 +108,9 @@ def _estimate_range(model: CaseModel, state: int, low: arb, high: arb) -> tuple[
 
 
 def eroded_cells(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
-    """The cells of states whose estimates all lie in a level, and of estimates of these alone.
+    """The cells whose states have all their estimates in a level, and the reverse.
 
-    One set answers both, as an error is as large on either side.
+    One set answers both questions, as an error is equally large in both directions.
     """
     grid = group.grid
     ends = [
@@ -127,7 +127,7 @@ def eroded_cells(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
 def estimates_of_states_outside(
     model: CaseModel, group: GroupTables, claimed: NDArray[np.bool_], inside: Cells, block: Block
 ) -> Iterator[Block]:
-    """The `claimed` cells (shaped as the grid) whose estimates may be of states not `inside`."""
+    """Yields the `claimed` cells (shaped as the grid) whose estimates may be of states outside."""
 
     def attempt(at: Block) -> bool:
         return inside.contains(estimates_around(model, group, group.grid.box_of(at)))
@@ -138,9 +138,9 @@ def estimates_of_states_outside(
 def estimates_driven_out(
     check: FreeCheck, claimed: NDArray[np.bool_], within: Cells, block: Block
 ) -> Iterator[Block]:
-    """The `claimed` cells of estimates behind which commands may drive a state out of `within`.
+    """Yields `claimed` cells from whose states some command may drive a state out of `within`.
 
-    `claimed`: shaped as the grid. Any command acts, for the time of `check`.
+    `claimed`: shaped as the grid. Any command may act, for the time of `check`.
     """
     grid = check.group.grid
 
@@ -155,7 +155,7 @@ def estimates_driven_out(
 def level_tasks(check: GridCheck, ns_between_verdicts: int) -> Iterator[Task]:
     """Tasks that show S_0 from R, each S_k from S_(k-1), and the commands that a shield permits.
 
-    RejectedError where there are too few of these sets, or one is no part of the one before.
+    Raises RejectedError if a set S is missing, or is no subset of the set before it.
     """
     tables, grid, model = check.tables, check.grid, check.model
     facts = model.facts
@@ -181,9 +181,9 @@ def level_tasks(check: GridCheck, ns_between_verdicts: int) -> Iterator[Task]:
 
 
 def command_cells(facts: Facts) -> int:
-    """The number of cells into which a shield's table cuts each number of a command.
+    """The number of cells into which a shield's table divides each number of a command.
 
-    NotRecheckedError where we know no proof of such a shield.
+    Raises NotRecheckedError if no proof of this shield is known here.
     """
     assert facts.symbol.shield is not None
     if (
@@ -202,16 +202,16 @@ def command_cells(facts: Facts) -> int:
 
 
 def _ac_steps_with_plants(facts: Facts) -> bool:
-    """Whether AC steps only at instants at which the plants, which move in steps, do."""
+    """Whether AC steps only at instants at which the plants step, too."""
     step = facts.plants[0].period_ns
     ac = facts.system.components[facts.module.ac]
     return ac.period_ns % step == 0 and ac.phase_ns % step == 0
 
 
 def _do_nodes_pass_commands_on(facts: Facts) -> bool:
-    """Whether nodes behind SC in its instant run in its thread, and read commands alone.
+    """Whether nodes that run with SC are in its thread and depend on commands alone.
 
-    A node that reads sensors, too, or keeps locals must show its outputs to the proof's plants.
+    A node that also reads sensors or keeps locals must show its outputs to the proof's plants.
     """
     system, names = facts.flying, {n for kind, n in facts.ways.notes if kind == "in step"}
     nodes = [(c, c.node) for c in system.components if c.node is not None and c.name in names]
@@ -227,9 +227,9 @@ def _do_nodes_pass_commands_on(facts: Facts) -> bool:
 def shield_inclusions(
     model: CaseModel, group: GroupTables, core: Cells
 ) -> Iterator[tuple[str, Show]]:
-    """(failure in words, function of a block) for each inclusion that a shield's table needs.
+    """A failure text and a function of a block, for each inclusion that a shield's table needs.
 
-    RejectedError where the table is not there, or is of another command.
+    Raises RejectedError if the table is missing or is for another command.
     """
     n, tops = command_cells(model.facts), group.tops
     if tops is None:
@@ -267,9 +267,9 @@ def command_edge(low: float, high: float, k: int, n: int) -> float:
 
 
 def read_shield_table(data: bytes, group: GroupTables, n: int) -> NDArray[np.uint8]:
-    """Reads `GroupTables.tops` from a file, (*cells, n): in C order, a byte a command cell.
+    """Reads `GroupTables.tops` from a file, (*cells, n): in C order, a byte for each command cell.
 
-    RejectedError where it has another size, or names cells that do not exist.
+    Raises RejectedError if the size is wrong or a cell does not exist.
     """
     shape = (*group.grid.shape, n)
     if len(data) != int(np.prod(shape)):
@@ -288,7 +288,7 @@ def read_shield_table(data: bytes, group: GroupTables, n: int) -> NDArray[np.uin
 def compare_tables(
     certificate: Certificate, facts: Facts, cases: list[list[GridGroup]], entries: list[Entry]
 ) -> None:
-    """RejectedError where a group's table in the DM differs from the sets S of all cases."""
+    """Raises RejectedError if a group's table in the DM differs from the sets S of all cases."""
     if len(entries) != len(cases[0]):
         raise RejectedError("the tables of the DM are not one for each group")
     if any(len(case) != len(cases[0]) for case in cases):
@@ -300,7 +300,7 @@ def compare_tables(
 def compare_table(
     certificate: Certificate, facts: Facts, tables: Sequence[GroupTables], entry: Entry
 ) -> None:
-    """RejectedError where the DM's table of a group is not that of the sets S of all cases."""
+    """Raises RejectedError if the DM's table of a group differs from the sets S of all cases."""
     group = tables[0]
     shield = {"command", "commands"} if facts.symbol.shield is not None else set()
     if entry.keys() != {"axes", "levels", *shield}:
@@ -325,9 +325,9 @@ def require_same_axes(
     looked_at: Sequence[int],
     axes: Sequence[Entry],
 ) -> None:
-    """RejectedError where the axes of the DM's table are not those of the group that it sees.
+    """Raises RejectedError if the axes of the DM's table are not those that it sees of the group.
 
-    `names`: of the group's states; `looked_at`: as `axes_seen_by_dm`; `axes`: of the manifest.
+    `names`: of the group's states; `looked_at`: from `axes_seen_by_dm`; `axes`: from the manifest.
     """
     if [a["state"] for a in axes] != [names[k] for k in looked_at]:
         raise RejectedError("a table of the DM has other axes than its group")
@@ -340,8 +340,8 @@ def require_same_axes(
 def axes_seen_by_dm(facts: Facts, group: GroupTables) -> list[int]:
     """The axes of a group that the DM can see.
 
-    A state that no topic of the DM shows may be anywhere on its axis (`estimates_around`),
-    whatever the estimate of the others: NotRecheckedError where its axis has several cells.
+    A state that no topic of the DM shows may be anywhere on its axis (`estimates_around`), whatever
+    the other estimates are. Raises NotRecheckedError if its axis has several cells.
     """
     axes = []
     for k, (state, cells) in enumerate(zip(group.states, group.grid.shape, strict=True)):
@@ -357,9 +357,9 @@ def axes_seen_by_dm(facts: Facts, group: GroupTables) -> list[int]:
 
 
 def least_levels(cases: Sequence[GroupTables]) -> NDArray[np.uint8]:
-    """The least level of each cell over all cases of one group, in the grid's shape.
+    """The least level of each cell over all cases of a group, in the grid's shape.
 
-    RejectedError where a case has no tables S.
+    Raises RejectedError if a case has no tables S.
     """
     total = np.full(cases[0].grid.shape, FULL, dtype=np.uint8)
     for group in cases:
@@ -371,7 +371,7 @@ def least_levels(cases: Sequence[GroupTables]) -> NDArray[np.uint8]:
 
 
 def packed_levels(levels: NDArray[np.uint8]) -> bytes:
-    """The bytes of the DM's table: two bits a cell, the first cell in the lowest ones.
+    """The bytes of the DM's table: two bits for each cell, the first cell in the lowest bits.
 
     `levels`: 0, 1 or 2 (`BITS`), in the grid's shape.
     """
@@ -383,10 +383,10 @@ def packed_levels(levels: NDArray[np.uint8]) -> bytes:
 
 
 def command_memory_ns(facts: Facts) -> int:
-    """W, in ns: how long after its replacement a command may act on a state that the DM reads.
+    """W, in ns: how long a replaced command may still act on a state that the DM reads.
 
-    The state is A old at most. A command acts up to L after the next one was published; of that its
-    release alone is known, so a period of SC and the latest end of its step are added.
+    The state is at most A old. A command acts up to L after the next one is published. Of that time
+    only its release is known, so a period of SC and the latest end of a step of SC are added.
     """
     setting = facts.setting
     out = max(setting.latest_start(t) + setting.sc.response - t for t in setting.settled_releases())
@@ -394,7 +394,7 @@ def command_memory_ns(facts: Facts) -> int:
 
 
 def read_shield(certificate: Certificate, facts: Facts, group: GroupTables, entry: Entry) -> None:
-    """Reads which commands the DM's shield permits; RejectedError for an unknown command."""
+    """Reads which commands the DM's shield permits. Raises RejectedError for an unknown command."""
     names = [c.name for c in facts.controls]
     if entry["command"] is not None and entry["command"] not in names:
         raise RejectedError("a table of the DM is about a command that there is not")
@@ -405,7 +405,7 @@ def read_shield(certificate: Certificate, facts: Facts, group: GroupTables, entr
 
 
 def read_grid_of_q(certificate: Certificate, grid: Grid, paths: Sequence[str]) -> Grid:
-    """Reads the cells of Q; RejectedError unless each is a part of one cell of the grid."""
+    """Reads the grid of Q; raises RejectedError unless each cell lies in one cell of `grid`."""
     edges = tuple(map(certificate.breakpoints, paths))
     same = len(edges) == len(grid.edges) and all(
         set(coarse) <= set(cut) and (coarse[0], coarse[-1]) == (cut[0], cut[-1])
@@ -419,7 +419,7 @@ def read_grid_of_q(certificate: Certificate, grid: Grid, paths: Sequence[str]) -
 
 
 def tables_on_finer_cells(tables: GroupTables) -> GroupTables:
-    """The tables of a group on the smaller cells of Q."""
+    """A copy of the tables of a group for the smaller cells of Q."""
     grid = tables.finer
     assert grid is not None
     places = zip(tables.grid.edges, grid.edges, strict=True)

@@ -39,8 +39,8 @@ BEGINS = ("P1c", "P2a", "P3", "start")
 class FailsafeLaw(NamedTuple):
     """The fail-safe law of a module, as a certificate claims it.
 
-    `facts`: the problem with the law in the place of SC. `groups`: those of each combination of
-    parameter values, with K_fs.
+    `facts`: the problem with the law instead of SC. `groups`: for each combination of parameter
+    values, its groups with K_fs.
     """
 
     facts: Facts
@@ -55,7 +55,7 @@ def read_law(
 ) -> FailsafeLaw:
     """Reads the law and its groups from the entry of a module; `read` gives a case's groups.
 
-    RejectedError where no claim says that the law begins in K, or its cells are others than SC's.
+    Raises RejectedError if no claim lets the law begin in K, or if its cells differ from SC's.
     """
     if {*BEGINS} & {*missing_properties(entry["claims"], [*claims])}:
         raise RejectedError("failsafe: nothing says that the law begins where it keeps `safe`")
@@ -69,7 +69,7 @@ def read_law(
 
 
 def check_law(law: FailsafeLaw, k: int, of_sc: CaseCheck) -> list[Cells]:
-    """Shows that the law keeps K_fs in case k, and gives K_fs of each group of `of_sc`."""
+    """Shows that the law keeps K_fs in case k, and returns K_fs of each group of `of_sc`."""
     groups = law.groups[k]
     with shares_to(None):
         model = CaseModel(law.facts, of_sc.model.parameter, of_sc.model.extents)
@@ -78,16 +78,16 @@ def check_law(law: FailsafeLaw, k: int, of_sc: CaseCheck) -> list[Cells]:
 
 
 def _topics_of_node(flying: System, c: Component) -> set[int | None]:
-    """The topics that a node subscribes to, also those behind its queues."""
+    """The topics that a node subscribes to, including those that feed its queues."""
     read = [] if c.node is None else c.reads
     return {*read, *(flying.topics[index].queue_of for index in read)}
 
 
 def make_law_problem(facts: Facts) -> Facts:
-    """Makes the problem of the law, with the times of the module; DiffersError where there is none.
+    """Makes the problem of the law, with the module's times; raises DiffersError if it has no law.
 
     The law reads nothing, so ages of reads do not matter; its outputs act in windows no longer than
-    SC's.
+    those of SC.
     """
     flying, module = facts.flying, facts.flying_module
     law = facts.symbol.failsafe
@@ -114,7 +114,7 @@ def make_law_problem(facts: Facts) -> Facts:
 def _system_under_law(
     flying: System, module: Module, law: Mapping[typed.TopicSymbol, typed.TypedExpr]
 ) -> tuple[System, str]:
-    """(the system with an SC that publishes the law and reads nothing, the module's name)."""
+    """A system whose SC only publishes the law and reads nothing, and the module's name."""
     sc = flying.components[module.sc]
     assert sc.node is not None
     node = replace(

@@ -48,10 +48,10 @@ READS_MAX = 4096
 
 @dataclass(eq=False)
 class _Sensor:
-    """The times at which a topic has to be published, by a plant or by a sensor from outside.
+    """The times at which a topic must be published, by a plant or by an external sensor.
 
-    `apart_ns`: the longest time between publications without a silence; `delay_ns`: the greatest
-    age of what a sensor publishes.
+    `apart_ns`: the longest allowed time between publications; `delay_ns`: the greatest age of a
+    value when the sensor publishes it.
     """
 
     apart_ns: int
@@ -62,7 +62,7 @@ class _Sensor:
 
 
 def _sensors_by_topic(system: System) -> dict[str, _Sensor]:
-    """Topic name -> its sensor, for each topic that shows the world at a known rate."""
+    """Maps each topic that shows the world at a known rate to its sensor."""
     found = {}
     for c in system.components:
         if c.plant is not None:
@@ -78,12 +78,12 @@ def _sensors_by_topic(system: System) -> dict[str, _Sensor]:
 
 @dataclass(eq=False)
 class _Outputs:
-    """The outputs of SC of one module: its releases, and those whose outputs are still due.
+    """The outputs of a module's SC: its releases, and the releases whose outputs are still due.
 
-    `since`: the release of its last verdict that is not "AC"; None while AC has control. `plan`:
-    the number of the plan that SC follows since the last verdict "AC". `read`: for each topic that
-    SC reads the last messages, which its latest step may have read. SC starts at most `late`, or
-    `waits` for the DM, and publishes a `response` later.
+    `since`: the release of its last verdict other than "AC"; None while AC has control. `plan`: the
+    number of the plan that SC follows since the last verdict "AC". `read`: for each topic that SC
+    reads, the last messages, which its latest step may have read. SC starts up to `late` after its
+    release, or waits `waits` for the DM, and publishes up to `response` later.
     """
 
     module: Module
@@ -106,7 +106,7 @@ class _Outputs:
 
 
 class LoggedAssumptions:
-    """Compares a log with the assumptions on sensors, on SC's times, and on sets (see the head)."""
+    """Compares a log with the assumptions on sensors, on the times of SC, and on declared sets."""
 
     def __init__(self, system: System, modules: Sequence[Module]) -> None:
         self.system, self.modules = system, modules
@@ -136,7 +136,7 @@ class LoggedAssumptions:
     # ------------------------------------------------------------ messages
 
     def note_message(self, time_ns: int, name: str, value: Value) -> None:
-        """Compares a published message with its set, its release, and the silence before it."""
+        """Compares a message with its set and release, and the silence before it with its limit."""
         self._latest[name] = time_ns, value
         for text in self._leaves_outside_set(name, value):
             for m in self.modules:
@@ -167,7 +167,7 @@ class LoggedAssumptions:
                 yield f"{leaf_name(name, path)} is {x!r}, outside of its set {where}"
 
     def note_truth(self, time_ns: int, plant: Component, states: Sequence[Value]) -> None:
-        """Compares the states of a plant with what it published at that time."""
+        """Compares the states of a plant with the values that it published at that time."""
         assert plant.plant is not None
         env = Environment(dict(zip(plant.plant.states, states, strict=True)), time_ns=time_ns)
         value = self._evaluators[plant.index].value
@@ -184,7 +184,7 @@ class LoggedAssumptions:
     def _compare_with_truth(
         self, time_ns: int, plant: Component, topic: Topic, shown: Value, true: Value
     ) -> None:
-        """Adds a doubt for each published number further from the true one than its error bound."""
+        """Adds a doubt for each published number whose error exceeds its bound."""
         errors = {m.leaf: m.bound for m in plant.measured if m.topic == topic.index}
         every = zip(leaves(topic.type), scalar_leaves(shown), scalar_leaves(true), strict=True)
         for k, ((path, of), x, y) in enumerate(every):
@@ -199,7 +199,7 @@ class LoggedAssumptions:
         return [m for m in self.modules if name in self._read[m.name]]
 
     def _check_silence(self, name: str, sensor: _Sensor, until_ns: int) -> None:
-        """Adds a doubt where a topic was silent for longer than it may be, until a time."""
+        """Adds a doubt if a topic was silent for longer than allowed before `until_ns`."""
         for m in self._modules_reading(name):
             silent = declared_ns(m, m.symbol.verify.dropout)
             if sensor.last_ns is None:
@@ -221,7 +221,7 @@ class LoggedAssumptions:
     # ------------------------------------------------------------ verdicts
 
     def note_verdict(self, time_ns: int, module: Module, *, is_ac: bool, plan: str = "") -> None:
-        """Notes who has control after a verdict, and which of several plans SC follows."""
+        """Notes which controller has control after a verdict, and which plan SC follows."""
         outputs = self._outputs[module.name]
         self._check_due_outputs(outputs, time_ns - 1)
         asked = time_ns - time_ns % module.period_ns  # SC waits for a verdict that is late
@@ -240,7 +240,7 @@ class LoggedAssumptions:
             outputs.next_release = asked + (outputs.phase - asked) % outputs.period
 
     def why_not_one_instant(self, ages: Mapping[str, int]) -> Iterator[str]:
-        """Why reads of these ages (ns, by topic) under one verdict "AC" are not of one instant."""
+        """Yields why reads of these ages (ns, by topic) cannot all be of the same instant."""
         for one, other in combinations([n for n in ages if n in self._sensors], 2):
             a, b = self._sensors[one], self._sensors[other]
             if a.releases != b.releases:
@@ -267,7 +267,7 @@ class LoggedAssumptions:
                     self._note_doubt(time_ns, outputs.module, why)
 
     def _may_publish(self, outputs: _Outputs, name: str) -> bool:
-        """Whether SC's step gives the topic's value on messages that SC may have read."""
+        """Whether SC's step gives the published value for messages that SC may have read."""
         if not 0 < prod(map(len, outputs.read.values())) <= READS_MAX:
             return True  # no message of what it reads, or too many
         topics = [t.default for t in self.system.topics]
@@ -296,7 +296,7 @@ class LoggedAssumptions:
                     self._note_doubt(release, outputs.module, text)
 
     def _outputs_due_ns(self, outputs: _Outputs) -> int:
-        """The instant by which SC's outputs of its next release have to be there."""
+        """The time in ns by which the outputs of SC's next release must be published."""
         asked = outputs.next_release - outputs.next_release % outputs.module.period_ns
         return max(outputs.next_release + outputs.late, asked + outputs.waits) + outputs.response
 

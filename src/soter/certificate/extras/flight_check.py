@@ -82,9 +82,9 @@ PARAMETER = "param "
 
 @dataclass(frozen=True)
 class LoggedVerdict:
-    """A verdict "AC": its time in ns, its module, and `topic.leaf` -> the number that it read.
+    """A verdict "AC": its time in ns, module, and `topic.leaf` -> the number that the DM read.
 
-    `plan`: the plan that SC follows from then on, "" where the module has only one.
+    `plan`: the plan that SC follows from then on; "" if the module has only one plan.
     """
 
     time_ns: int
@@ -95,10 +95,10 @@ class LoggedVerdict:
 
 @dataclass
 class FlightLog:
-    """The verdicts "AC" of a log in order of time; `others`: how many verdicts said "SC".
+    """The verdicts "AC" of a log in order of time; `others` counts the verdicts "SC".
 
-    `to_ns`: the time up to which the log was read; `cut`: why it was not read to its end, or "".
-    `unlogged`: topics that were read, and of which there is no message.
+    `to_ns`: the time up to which the log was read; `cut`: why reading stopped early, or "".
+    `unlogged`: topics that a DM read but that have no message in the log.
     """
 
     verdicts: list[LoggedVerdict] = field(default_factory=list)
@@ -110,7 +110,7 @@ class FlightLog:
 
 
 def read_flight(path: Path, system: System, modules: Sequence[Module]) -> FlightLog:
-    """Reads the verdicts of `modules` of `system`; SoterError D006 for a file that is no log."""
+    """Reads the verdicts of `modules` of `system`. Raises D006 for a file that is no log."""
     log = FlightLog()
     reader = _Reader(path, system, modules, log)
     due: list[tuple[str, dict[str, Any]]] = []
@@ -148,7 +148,7 @@ class _Verdicts:
         """The plan that SC follows, which is another one after a verdict "AC" alone."""
 
     def doubts_about(self, time_ns: int, decision: dict[str, Any]) -> Iterator[str]:
-        """The doubts where a verdict contradicts earlier ones, the mode, or its own predicates."""
+        """Yields doubts if a verdict contradicts earlier verdicts, the mode, or its predicates."""
         before, after = (decision[f"mode_{at}"] == "AC" for at in ("before", "after"))
         release = time_ns // self.period * self.period
         began, ended = (time_ns - release + _ns_after_instant(decision, at) for at in LATENESS)
@@ -174,7 +174,7 @@ class _Verdicts:
         self.due_ns, self.was_ac = release + self.period, after
 
     def _doubts_about_lateness(self, began: int, ended: int) -> Iterator[str]:
-        """The doubt where a verdict began, or was in force, too late after its release."""
+        """Yields a doubt if a verdict began, or took effect, too late after its release."""
         most = self.late + self.response
         if began > self.late:
             yield f"it came {began} ns after its release, and may {self.late} ns"
@@ -182,13 +182,13 @@ class _Verdicts:
             yield f"it was there {ended} ns after its release, and may {most} ns"
 
     def missing_text(self, before_ns: int) -> str:
-        """Says in words how many verdicts are missing before a time; "" if none is."""
+        """A text that tells how many verdicts are missing before a time; "" if none is missing."""
         count = -((self.due_ns - before_ns) // self.period) if before_ns > self.due_ns else 0
         return f"{count} verdicts are missing" if count > 1 else "the verdict is missing" * count
 
 
 def _ns_after_instant(decision: dict[str, Any], at: str) -> int:
-    """How many ns after its instant a step began or ended; ValueError where that is no time."""
+    """The ns from the instant to the step's begin or end. Raises ValueError for a wrong time."""
     late = decision.get(at, 0)
     if type(late) is not int or late < 0:
         raise ValueError(f"`{at}` is {late!r}, and no step comes before its release")
@@ -200,7 +200,7 @@ def _mode_name(in_ac: bool) -> str:
 
 
 class _Reader:
-    """Reads a log, instant by instant, into a `FlightLog`."""
+    """Reads a log into a `FlightLog`, instant by instant."""
 
     def __init__(
         self, path: Path, system: System, modules: Sequence[Module], log: FlightLog
@@ -217,7 +217,7 @@ class _Reader:
         self.begun = False
 
     def read_instant(self, time_ns: int, due: Sequence[tuple[str, dict[str, Any]]]) -> None:
-        """Reads all messages of one instant; SoterError D006 for what a log cannot mean."""
+        """Reads all messages of an instant. Raises D006 for messages that make no sense."""
         self.log.to_ns, self.begun = time_ns, True
         try:
             for channel, message in due:
@@ -282,7 +282,7 @@ class _Reader:
     def _doubts_about_read(
         self, time_ns: int, name: str, read: dict[str, Any], estimate: dict[str, float]
     ) -> Iterator[str]:
-        """Adds the leaves of a read to `estimate`, and gives the doubts about that read."""
+        """Adds the leaves of a read to `estimate`, and yields the doubts about this read."""
         topic, age = self.topics[name], read["age_ns"]
         value = from_json(topic.type, read["value"], name)
         if not has_list(topic.type):
@@ -322,10 +322,10 @@ class _Reader:
 
 
 def open_flights(folder: Path, logs: Sequence[str]) -> Flights | None:
-    """Makes `Flights` of logs and the certificate in a folder; None where that cannot be read.
+    """Opens logs with the certificate in a folder; None if the certificate cannot be read.
 
-    SoterError D006 for a file that is no log, D007 where `mcap` is not installed, D023 for a log
-    that the certificate is not about; `NotACertificateError`.
+    Raises SoterError D006 for a file that is no log, D007 if `mcap` is not installed, D023 for a
+    log of another program; NotACertificateError if the folder has no certificate.
     """
     require_log_package()
     try:
@@ -339,10 +339,10 @@ def open_flights(folder: Path, logs: Sequence[str]) -> Flights | None:
 
 
 class Flights:
-    """The logs of flights of the program of a certificate; `seal` is that of the certificate."""
+    """Logs of flights of a certificate's program; `seal` is the seal of the certificate."""
 
     def __init__(self, certificate: Certificate, logs: Sequence[str]) -> None:
-        """Finds the system of each log; the verdicts in it are not read yet."""
+        """Finds the system of each log; does not read the verdicts yet."""
         self.seal = certificate.seal
         self._checked, self._overrides = read_program(certificate)
         assert self._checked.program is not None
@@ -359,16 +359,16 @@ class Flights:
         self._logs = [(log, self._system_of(log)) for log in logs]
 
     def add_to_report(self, report: Report) -> None:
-        """Adds the findings on the logs to the certificate's report, unless that is rejected."""
+        """Adds the findings about the logs to the report, unless the certificate is rejected."""
         if report.verdict != REJECTED and report.seal != self.seal:
             report.verdict, report.reason = REJECTED, "it was changed while it was being read"
         if report.verdict != REJECTED:
             report.flights += self.judge_logs()
 
     def judge_logs(self, workers: int | None = None) -> Iterator[FlightReport]:
-        """Judges log after log, telling which share of its verdicts is done.
+        """Judges the logs in turn, and reports which share of the verdicts is done.
 
-        Ctrl-C ends it; the report of that log then counts the verdicts that were judged.
+        Ctrl-C stops it; the report of the current log then counts the verdicts judged until then.
         """
         for log, system in self._logs:
             began = _cpu_seconds()
@@ -407,7 +407,7 @@ class Flights:
     def _judged_verdicts(
         self, system: str, verdicts: Sequence[LoggedVerdict], workers: int
     ) -> Generator[tuple[LoggedVerdict, str]]:
-        """Each verdict as it is judged, with why its estimate may be bad; "" if it is good."""
+        """Yields each judged verdict with why its estimate may be bad; "" if it is good."""
         for name in {v.module for v in verdicts}:
             self._tubes_by_plan(system, name)  # before processes are forked
 
@@ -437,7 +437,7 @@ class Flights:
             return reason_in_words(error)
 
     def _tubes_by_plan(self, system: str, module: str) -> dict[str, ModuleTube] | str:
-        """The tube of each plan of a module, made once; or why there is none."""
+        """The tube of each plan of a module, computed only once; or why it cannot be made."""
         key = system, module
         if key not in self._followers:
             proved = self._proved[system], module
@@ -452,7 +452,7 @@ class Flights:
     # ------------------------------------------------------------ of which program
 
     def _system_of(self, log: str) -> str:
-        """The system that flew in a log; SoterError D023 where the certificate is about another."""
+        """The system that flew in a log. Raises D023 if the certificate is about another."""
         header = log_metadata(Path(log))
         if not header:
             raise unreadable_error(Path(log), "it does not say what flew")

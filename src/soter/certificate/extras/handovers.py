@@ -68,9 +68,9 @@ TRIES_BEYOND = 2_000
 
 @dataclass(frozen=True)
 class Jump:
-    """A topic that the map of a view reads, and the node that publishes it.
+    """A topic that the map of a view reads, with the node that publishes it.
 
-    `why`: why it is not confirmed that the state jumps into R(H) where the topic changes, or "".
+    `why`: why it is not confirmed that the state jumps into R(H) when the topic changes, or "".
     """
 
     topic: str
@@ -79,9 +79,9 @@ class Jump:
 
 
 def jumps_by_plant(facts: Facts, groups: Groups, claims: set[str]) -> dict[str, list[Jump]]:
-    """Name of an abstracting plant -> its jumps; empty for a module without views or `enters`.
+    """Maps each abstracting plant to its jumps; empty for a module without views or `enters`.
 
-    `groups`: those of every case, with their `claims` confirmed.
+    `groups`: the groups of every case, with their confirmed `claims`.
     """
     if not facts.view or facts.whole is None or facts.whole.verify.enters is None:
         return {}
@@ -99,7 +99,7 @@ def jumps_by_plant(facts: Facts, groups: Groups, claims: set[str]) -> dict[str, 
 
 
 def _jump_of_topic(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol) -> Jump:
-    """The jump of one topic, by what z3 shows of the node that publishes it."""
+    """The jump of a topic, with the result of a z3 check of the node that publishes the topic."""
     if find_spec("z3") is None:
         return Jump(topic.name, "", "`z3-solver` is not installed")
     try:
@@ -110,7 +110,7 @@ def _jump_of_topic(facts: Facts, link: typed.AbstractionLink, topic: typed.Topic
 
 
 def _why_not_in_r(facts: Facts, groups: Groups, claims: set[str]) -> str:
-    """Why it is not confirmed that the state lies in R(H) wherever `enters` holds; else ""."""
+    """Why it is not confirmed that the state is in R(H) whenever `enters` holds; "" if it is."""
     if not claims & FREE:
         return "nothing is claimed with which R(H) is confirmed"
     try:
@@ -136,7 +136,7 @@ def _error_in_words(error: Exception) -> str:
 
 
 def jump_assumptions(facts: Facts, jumps: Jumps) -> Said:
-    """The assumptions on when the topics change on which a view's state rests."""
+    """Yields the assumptions on changes of topics that the state of a view depends on."""
     for link in facts.symbol.verify.abstracts:
         tried = jumps.get(link.name, ())
         kept = {j.topic for j in tried if not j.why}
@@ -152,7 +152,7 @@ def jump_assumptions(facts: Facts, jumps: Jumps) -> Said:
 
 
 def confirmed_jumps(facts: Facts, jumps: Jumps) -> Said:
-    """The jumps that are confirmed, and so no assumptions any more."""
+    """Yields the confirmed jumps, which are no longer assumptions."""
     assert facts.whole is not None
     assert facts.whole.verify.enters is not None
     text = " ".join(facts.whole.verify.enters.span.text.split())
@@ -170,10 +170,10 @@ def confirmed_jumps(facts: Facts, jumps: Jumps) -> Said:
 
 
 def why_not_entered(model: CaseModel, groups: Sequence[GridGroup], expr: typed.TypedExpr) -> str:
-    """Why `expr` is not shown to hold only in R(H), in one case; "" where it is.
+    """Why, in one case, `expr` is not shown to hold only in R(H); "" if it is shown.
 
-    `groups` hold every state once; their R(H) was shown to lead nowhere but into K. `expr` reads
-    only what the plants of the view drive. NotRecheckedError for an unknown construct.
+    `groups` contain each state once; it was shown that their R(H) leads only into K. `expr` reads
+    only topics that the plants of the view drive. Raises NotRecheckedError for unknown code.
     """
     states = [s for g in groups for s in g.states]
     if sorted(states) != list(range(len(model.facts.states))):
@@ -193,7 +193,7 @@ def why_not_entered(model: CaseModel, groups: Sequence[GridGroup], expr: typed.T
 
 
 def place_entered_outside(group: GridGroup, model: CaseModel, expr: typed.TypedExpr) -> str:
-    """The place outside of R(H), in words, where `expr` may hold, or ""; `safe` is not assumed."""
+    """A text about the place outside R(H) where `expr` may hold, or ""; `safe` may be false."""
     grid = group.tables.grid
     assert group.tables.free is not None
     check = AdmitCheck(model, group.tables, expr, admits=True, anywhere=True)
@@ -208,9 +208,9 @@ def place_entered_outside(group: GridGroup, model: CaseModel, expr: typed.TypedE
 
 
 def _state_ranges_by_reads(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, float] | None]:
-    """The range of each state where `expr` is judged; None where no topic that it reads bounds it.
+    """The range of each state in which to judge `expr`; None if no topic that it reads bounds it.
 
-    A published value lies in its declared set, and is off the state by its error and rounding.
+    A published value lies in its declared set, and differs from the state by error and rounding.
     """
     ranges: list[tuple[float, float] | None] = [None] * len(facts.states)
     driven = driven_topics(facts)
@@ -244,7 +244,7 @@ def _place_outside_grid(
     expr: typed.TypedExpr,
     reach: Sequence[tuple[float, float]],
 ) -> str:
-    """The place outside of the grid, in words, where `expr` may hold; "" if there is none."""
+    """A text about the place outside the grid where `expr` may hold; "" without a place."""
     parts = _conjunct_checks(CaseModel(model.facts, model.parameter, tuple(reach)), expr)
     for axes in (g.tables for g in groups):
         for state, edges in zip(axes.states, axes.grid.edges, strict=True):
@@ -286,9 +286,9 @@ class _ConjunctCheck:
         self._weights = [float(influence_of_inputs(terms, part, [i])) for i in (*atoms, *free)]
 
     def certainly_fails(self, state: int, low: float, high: float) -> bool:
-        """Whether the conjunct certainly fails where a state is in a range; the box is halved.
+        """Whether the conjunct certainly fails when a state is in a range; halves the box.
 
-        The input that moves the compared numbers most is halved first.
+        It first halves the input that moves the compared numbers most.
         """
         if not self._weights[state]:
             return False

@@ -93,9 +93,9 @@ WIDER = 256
 
 
 def leave_out_states(facts: Facts, names: Collection[str]) -> None:
-    """Takes the states of these names out of the problem.
+    """Removes the states with these names from the problem.
 
-    RejectedError where the module declares an axis for one of them.
+    Raises RejectedError if the module declares an axis for one of them.
     """
     left = {i for i, s in enumerate(facts.states) if s.name in names}
     if not left:
@@ -113,9 +113,9 @@ def leave_out_states(facts: Facts, names: Collection[str]) -> None:
 
 
 def refuse_reads_of_left_out_states(model: CaseModel) -> None:
-    """RejectedError where a claim depends on a state that is left out, or such a state may end.
+    """Raises RejectedError if a claim depends on a left-out state, or this state may end a run.
 
-    NotRecheckedError where the rate of such a state may be undefined.
+    Raises NotRecheckedError if the rate of a left-out state may be undefined.
     """
     facts = model.facts
     terms, states = model.new_terms()
@@ -139,7 +139,7 @@ def refuse_reads_of_left_out_states(model: CaseModel) -> None:
 
 
 def growth_degree(terms: Terms, x: Linear, inputs: Collection[int]) -> float:
-    """The degree with which a term grows in these inputs, at most; inf where none is known."""
+    """The highest degree with which a term may grow in these inputs; inf if it is unknown."""
     known: dict[int, float] = {}
     for index in sorted(atoms_under(terms, [x])):  # arguments first
         atom = terms.atoms[index]
@@ -156,10 +156,10 @@ def growth_degree(terms: Terms, x: Linear, inputs: Collection[int]) -> float:
 
 
 def require_unread_states(model: CaseModel, groups: int) -> None:
-    """`NotRecheckedError` where a rate or SC may read a state whose axis has no ends.
+    """Raises NotRecheckedError if a rate or SC may read a state whose axis has no ends.
 
-    The rates and SC's step are read with such states up to `FARTHEST`, so that no branch is left
-    out because of where a grid ends. The argument covers no maps, no `enters`, and one group.
+    To see every branch, also those beyond the grid, the rates and SC's step are evaluated with such
+    states up to `FARTHEST`. The argument covers no maps, no `enters`, and only a single group.
     """
     facts = model.facts
     if facts.kind == "map" or facts.symbol.verify.enters is not None:
@@ -177,9 +177,9 @@ def require_unread_states(model: CaseModel, groups: int) -> None:
 
 
 def read_turning(facts: Facts, names: object) -> None:
-    """Enters the states whose axes wrap around; RejectedError where one may not.
+    """Enters the states whose axes wrap around; raises RejectedError if one of them may not.
 
-    The extents of all states have been entered before.
+    The extents of all states must have been entered before.
     """
     if not isinstance(names, list) or not names or len({*map(str, names)}) != len(names):
         raise RejectedError("`wraps` is not as it should be")
@@ -199,7 +199,7 @@ def read_turning(facts: Facts, names: object) -> None:
 
 
 def refuse_turns_read(model: CaseModel) -> None:
-    """RejectedError where rates, commands or predicates differ when an angle is a turn further."""
+    """Raises RejectedError if rates, commands or predicates change after a full turn."""
     facts, far = model.facts, (-THIRD, THIRD)
     extents = tuple(far if i in facts.turning else e for i, e in enumerate(model.extents))
     model = replace(model, extents=extents)
@@ -218,7 +218,7 @@ def refuse_turns_read(model: CaseModel) -> None:
 
 
 def _is_turn_invariant(terms: Terms, asked: Linear | Proposition) -> bool:
-    """Whether a term is the same where angles are whole turns further."""
+    """Whether a term keeps its value when angles grow by full turns."""
     for index in atoms_under(terms, [asked]):
         atom = terms.atoms[index]
         if atom.condition is not None and not _compares_no_angle(terms, atom.condition):
@@ -230,7 +230,7 @@ def _is_turn_invariant(terms: Terms, asked: Linear | Proposition) -> bool:
 
 
 def _compares_no_angle(terms: Terms, x: Linear | Proposition) -> bool:
-    """Whether no angle stands by itself in a term, or in a comparison of a proposition."""
+    """Whether neither a term nor any comparison in a proposition contains a bare angle."""
     if isinstance(x, Linear):
         return not may_be_turned(terms, x)
     compared = [p.argument for p in subpropositions(x) if p.argument is not None]
@@ -238,7 +238,7 @@ def _compares_no_angle(terms: Terms, x: Linear | Proposition) -> bool:
 
 
 def _is_angle(terms: Terms, x: Linear) -> bool:
-    """Whether angles stand in a term as whole multiples, and its rounding is small."""
+    """Whether a term counts each angle a whole number of times, with small rounding."""
     whole = all(x.terms[i].is_integer() for i in terms.turning & x.terms.keys())
     return whole and bool(x.radius <= 2 * FAR_TURNS)  # with that of the function
 
@@ -254,7 +254,7 @@ class GridBeyondEnds(Grid):
     wraps: tuple[bool, ...]
 
     def cells_around_interval(self, axis: int, low: float, high: float) -> tuple[int, int] | None:
-        """As a `Grid` has it; on an axis that wraps around cells are counted on behind the last."""
+        """Cells as in `Grid`; on an axis that wraps around, numbers go on after the last cell."""
         edges = self.edges[axis]
         if self.wraps[axis]:
             near = -FARTHEST_TURNED <= low <= high <= FARTHEST_TURNED
@@ -275,15 +275,15 @@ class GridBeyondEnds(Grid):
         return ends
 
     def table_continued(self, table: NDArray[Any]) -> NDArray[Any]:
-        """A table of the grid's shape, followed by itself along axes that wrap around."""
+        """A table of the grid's shape, repeated along the axes that wrap around."""
         for k in np.flatnonzero(self.wraps):
             table = np.concatenate([table, table], axis=int(k))
         return table
 
     def holds_beyond_ends(self, start: Sequence[tuple[arb, arb]], boxes: Sequence[float]) -> bool:
-        """Whether boxes that enclose runs from `start` hold of runs from beyond axes' ends, too.
+        """Whether boxes that enclose runs from `start` also do so for runs from beyond axis ends.
 
-        `boxes`: low, high, ... of one box after the other. The head of this file says when they do.
+        `boxes`: low, high, ... of all boxes in turn. The head of this file explains the rule.
         """
         width = 2 * len(self.edges)
         if not boxes:
@@ -300,8 +300,8 @@ class GridBeyondEnds(Grid):
     def boxes_covering(self, block: Block, reads: Sequence[bool]) -> list[list[tuple[arb, arb]]]:
         """Boxes that cover a block and, along axes that are read, all beyond it up to `FARTHEST`.
 
-        The first box is that of the block. The others grow in width, each by a large factor: in
-        each the numbers are of one size, so that rounding is small.
+        The first box is the block's. Each further box is wider by a large factor, so that the
+        numbers in a box are of similar size and rounding stays small.
         """
         sides = []
         for k, inside in enumerate(self.box_of(block)):
@@ -313,7 +313,7 @@ class GridBeyondEnds(Grid):
         return [list(box) for box in product(*sides)]
 
     def move_onto_axis(self, axis: int, low: float, high: float) -> tuple[float, float]:
-        """An interval moved onto an axis without ends, or turned back on one that wraps around."""
+        """An interval moved onto an axis without ends, or turned back onto one that wraps."""
         edges = self.edges[axis]
         if self.unbounded[axis]:
             return min(max(low, edges[0]), edges[-1]), min(max(high, edges[0]), edges[-1])
@@ -321,12 +321,12 @@ class GridBeyondEnds(Grid):
 
 
 def has_no_ends(grid: Grid, axis: int) -> bool:
-    """Whether an axis has no ends: its outer cells hold all states beyond."""
+    """Whether an axis has no ends, so that its outer cells contain all states beyond."""
     return isinstance(grid, GridBeyondEnds) and grid.unbounded[axis]
 
 
 def reached_breakpoints(grid: Grid, axis: int) -> tuple[float, ...]:
-    """The breakpoints of an axis, the outer ones as far out as their cells go."""
+    """The breakpoints of an axis; the outer two are moved as far out as their cells reach."""
     edges, far = grid.edges[axis], float(FARTHEST)
     return (-far, *edges[1:-1], far) if has_no_ends(grid, axis) else edges
 
@@ -339,7 +339,7 @@ def intervals_beyond(edges: Sequence[float], *, low: bool, high: bool) -> list[t
 
 
 def _cells_of_turn_around(edges: Sequence[float], low: float, high: float) -> tuple[int, int]:
-    """The cells of a full turn that cover an interval, counted on beyond the first turn."""
+    """The cells of a full turn that cover an interval; numbers go on after the first turn."""
     count, turns = len(edges) - 1, [math.floor((x - edges[0]) / TURN) for x in (low, high)]
     if turns[0] == -1 and low >= edges[0] - SEAM:
         turns[0] = 0  # of the first cell still
@@ -358,10 +358,10 @@ def _cells_of_turn_around(edges: Sequence[float], low: float, high: float) -> tu
 
 
 def interval_turned_back(edges: Sequence[float], low: float, high: float) -> tuple[float, float]:
-    """An interval less so many whole turns that it begins on an axis, rounded outwards.
+    """Shifts an interval back by whole turns until it begins on the axis, rounded outwards.
 
-    One that lies on the axis, or too far out, is unchanged; one of half a turn or more becomes the
-    whole axis, as what is enclosed goes half a turn beyond.
+    An interval on the axis or too far out stays unchanged. An interval of half a turn or more
+    becomes the whole axis, as enclosures reach half a turn beyond the axis.
     """
     if edges[0] <= low <= high <= edges[-1] or not max(-low, high) <= FAR:
         return low, high
@@ -372,7 +372,7 @@ def interval_turned_back(edges: Sequence[float], low: float, high: float) -> tup
 
 
 def _cell_width(edges: Sequence[float], cell: int) -> arb:
-    """The width of one cell of an axis; the last cell is -2."""
+    """The width of a cell of an axis; -2 is the last cell."""
     return exact(edges[cell + 1]) - exact(edges[cell])
 
 
@@ -388,7 +388,7 @@ def _intervals_above(end: float, width: float) -> Sequence[tuple[arb, arb]]:
 
 
 def axis_assumptions(facts: Facts) -> Said:
-    """The assumptions about open ends, states that are left out, and axes that wrap around."""
+    """Yields the assumptions about open ends, left-out states, and axes that wrap around."""
     for state in sorted(facts.open_ends):
         name, end = facts.states[state].name, facts.axes[state][1]
         yield f"open {name} {end!r}", in_words("open", name, end)

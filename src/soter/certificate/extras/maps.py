@@ -1,7 +1,7 @@
 """Plants that are maps, which step in place of holds.
 
 Purpose: `require_instants_of_map` checks that all reads and actions are of instants in which the
-map steps; `map_steps_in_period` is a period of SC, `map_phase` a phase under any commands.
+map steps; `map_steps_in_period` is a period of SC, `map_steps_in_time` a phase under any commands.
 Non-goals: what a map computes (`reading/case_model.py`), sets (`grid/group_claims.py`).
 """
 
@@ -27,9 +27,9 @@ STEPS_MAX, PHASE_MAX = 1_000, 100_000
 
 
 def require_instants_of_map(facts: Facts, setting: TimingSetting) -> None:
-    """NotRecheckedError unless all reads and all actions are of instants in which the map steps.
+    """Raises NotRecheckedError unless all reads and actions happen when the map steps.
 
-    Ages and delays are not counted beside a map.
+    Beside a map, ages and delays are not counted.
     """
     step, dm, sc = facts.plants[0].period_ns, setting.dm, setting.sc
     paths = [(r, p) for r in (*setting.by_dm, *setting.by_sc) for p in r.paths]
@@ -54,9 +54,9 @@ def require_instants_of_map(facts: Facts, setting: TimingSetting) -> None:
 
 
 def map_steps_in_period(model: CaseModel, members: Sequence[int]) -> Step:
-    """The compiled function of one period of SC: all steps of the map in it, under one command.
+    """The compiled function for a period of SC: all steps of the map in it, with a single command.
 
-    NotRecheckedError where they are too many.
+    Raises NotRecheckedError if these steps are too many.
     """
     terms, states = model.new_terms()
     commands = model.sc_commands(terms, states)
@@ -78,10 +78,10 @@ def map_steps_in_period(model: CaseModel, members: Sequence[int]) -> Step:
     )
 
 
-def map_phase(model: CaseModel, members: Sequence[int], time_ns: int) -> tuple[Step, ...]:
-    """The compiled steps of the map under any commands, as many as it makes in `time_ns`.
+def map_steps_in_time(model: CaseModel, members: Sequence[int], time_ns: int) -> tuple[Step, ...]:
+    """The compiled steps that the map makes in `time_ns`, under any commands.
 
-    NotRecheckedError where they are too many.
+    Raises NotRecheckedError if these steps are too many.
     """
     period = model.facts.plants[0].period_ns
     if time_ns > PHASE_MAX * period:

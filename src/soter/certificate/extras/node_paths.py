@@ -63,37 +63,37 @@ TEXTS = {
 
 @dataclass(frozen=True)
 class NodePath(TopicPath):
-    """The path of a topic from a sensor over nodes that follow each other."""
+    """The path of a topic from a sensor through a chain of nodes."""
 
     nodes: tuple[Clock, ...] = ()
 
     @property
     def clocks(self) -> tuple[Clock, ...]:
-        """The sensor, and the nodes that follow."""
+        """The clocks of the sensor and of the nodes after it."""
         return (self.sensor, *self.nodes)
 
     @property
     def path_before_last_node(self) -> TopicPath:
-        """The path of the topic that its last node reads."""
+        """The path of the topic that the last node of this path reads."""
         rest = self.nodes[:-1]
         return NodePath(self.sensor, rest) if rest else TopicPath(self.sensor)
 
     def oldest_stamp(self, time: int) -> int:
-        """The oldest stamp, in ns, that a read at this time may show, long after the start.
+        """The oldest stamp, in ns, that a read at `time` may show, long after the start.
 
-        A node's publication of release t is certainly seen at a time after t + its longest run, not
-        before: in the same instant either order is possible, and a reader of the module comes
-        first. The oldest that may be seen is the last release t with t + longest run < time; it was
-        published at t at the earliest.
+        A reader certainly sees what a node published at release t only later than t + its longest
+        run: at that very instant, the module's reader may come first. So the oldest stamp that may
+        be seen is of the last release t with t + longest run < time; that publication happened at t
+        at the earliest.
         """
         node = self.nodes[-1]
         return node.last_release(time - node.max_delay - 1)
 
     def oldest_state(self, time: int) -> int:
-        """The oldest time of a state that a read at this time may show, long after the start.
+        """The oldest time of a state that a read at `time` may show, long after the start.
 
-        What may be seen of a node does not get older with time, so that its read is oldest where
-        its step starts at its release.
+        What may be seen of a node does not get older with time, so the read is oldest if the node's
+        step starts at its release.
         """
         return self.path_before_last_node.oldest_state(self.oldest_stamp(time))
 
@@ -104,7 +104,7 @@ class NodePath(TopicPath):
         yield end
 
     def longest_lag(self, silent: int) -> int:
-        """P: the longest time from a state to its publication; a silent sensor makes it longer."""
+        """P, the longest time from a state to its publication; longer if the sensor is silent."""
         node, before = self.nodes[-1], self.path_before_last_node
         worst = 0
         for t in releases_in_hyperperiod(node, [c.period for c in self.clocks]):
@@ -113,9 +113,9 @@ class NodePath(TopicPath):
         return worst + silent
 
     def certain_since(self, silent: int = 0) -> int:
-        """The time from which a read certainly shows a state, if the sensor is `silent` so long.
+        """The time from which a read certainly shows a state, if the sensor is silent for `silent`.
 
-        One ns is added, as a read sees only what was published before.
+        It adds one ns, as a read sees only what was published before it.
         """
         return self._first_release_with_state(silent) + self.nodes[-1].max_delay + 1
 
@@ -124,23 +124,23 @@ class NodePath(TopicPath):
         return self.nodes[-1].next_release(self.path_before_last_node.certain_since(silent))
 
     def may_publish_nothing(self, silent: int = 0) -> bool:
-        """Whether a fresh publication may show no state, but what a node makes of a default."""
+        """Whether a new publication may rest on a default, so that it shows no state."""
         return self._first_release_with_state(silent) > self.nodes[-1].phase
 
 
 @dataclass(frozen=True)
 class NodeEffect(Effect):
-    """The delay of an output by way of nodes: `least` to `most` after the last one publishes."""
+    """The delay of an output through nodes: `least` to `most` after the last node publishes."""
 
     nodes: tuple[Clock, ...] = ()
 
     @property
     def clocks(self) -> tuple[Clock, ...]:
-        """The nodes on the way."""
+        """The clocks of the nodes on the way."""
         return self.nodes
 
     def earliest_action(self, published: int) -> int:
-        """The earliest time at which an output that is published at this time may act."""
+        """The earliest time at which an output published at `published` may act."""
         at = published
         for node in self.nodes:
             # the first release whose start may be as late as that; in one instant it is seen
@@ -149,10 +149,10 @@ class NodeEffect(Effect):
         return super().earliest_action(at)
 
     def latest_action(self, published: int, *, at_once: bool) -> int:
-        """The latest time at which it may act; `at_once`: a node starting then already sees it.
+        """The latest time at which the output may act; `at_once`: nodes starting then see it.
 
-        The release in whose interval it is published may start before and see nothing; the first
-        one after that sees it, and may start and publish as late as it may.
+        A node that starts just before the publication sees nothing. Its first release after that
+        sees the output, and may start and publish as late as its times allow.
         """
         at, seen = published, at_once
         for node in self.nodes:
@@ -163,7 +163,7 @@ class NodeEffect(Effect):
 
 @dataclass
 class NodeWays(Ways):
-    """The ways of a module over nodes, and to what belongs to an abstraction."""
+    """The ways between plants and a module through nodes and parts of an abstracted vehicle."""
 
     number: Callable[[typed.TypedExpr], int]
     """The value of a time of the `verify` block."""
@@ -173,8 +173,8 @@ class NodeWays(Ways):
     # ------------------------------------------------------------ towards the module
 
     def _paths_to(self, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
-        """The ways to a topic; `behind`: the nodes that were followed already."""
-        self._count_look()
+        """The ways to a topic; `behind` lists the nodes that were already followed."""
+        self._count_followed_way()
         paths: list[TopicPath] = []
         for c in self._publishers_of(index):
             if c.plant is not None:
@@ -194,10 +194,10 @@ class NodeWays(Ways):
         return paths
 
     def _paths_by_node(self, c: Component, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
-        """The paths to a topic through one node, whose publications are as old as its reads.
+        """The paths to a topic through a node, whose publications are as old as its reads.
 
-        A node behind the module that reads no sensor belongs to the vehicle that is abstracted: its
-        state is what it last published.
+        A node behind the module that reads no sensor belongs to the abstracted vehicle: its state
+        is the value that it last published.
         """
         assert c.node is not None
         topics = _node_reads(self.system, c)
@@ -218,7 +218,7 @@ class NodeWays(Ways):
 
     def _obeys_module(self, index: int, behind: tuple[int, ...]) -> bool:
         """Whether a topic depends on outputs of the module, through nodes alone."""
-        self._count_look()
+        self._count_followed_way()
         if index in self.module.outputs:
             return True
         for c in self._publishers_of(index):
@@ -231,9 +231,9 @@ class NodeWays(Ways):
     # ------------------------------------------------------------ from the module
 
     def find_effects(self, least: int, most: int) -> tuple[Effect, ...]:
-        """The ways from all outputs to the plants, or to what belongs to the vehicle.
+        """The ways from all outputs to the plants or to nodes of the abstracted vehicle.
 
-        NotRecheckedError where one leads nowhere.
+        Raises NotRecheckedError if an output leads nowhere.
         """
         effects: list[Effect] = []
         for index in self.module.outputs:
@@ -247,7 +247,7 @@ class NodeWays(Ways):
     def _routes_from(
         self, index: int, nodes: tuple[Clock, ...], behind: tuple[int, ...]
     ) -> Iterable[tuple[Clock, ...]]:
-        self._count_look()
+        self._count_followed_way()
         vehicle = {name for kind, name in self.notes if kind == "vehicle"}
         if behind and self.system.topics[index].name in vehicle:
             return [nodes]
@@ -272,7 +272,7 @@ class NodeWays(Ways):
         assert c.node is not None
         for topic in c.node.publishes:
             after = c.scope.topics[topic]
-            step = self._is_with_sc(c, nodes, behind)
+            step = self._is_released_with_sc(c, nodes, behind)
             on = nodes if step else (*nodes, self._clock_of(c))
             if ends := list(self._routes_from(after, on, (*behind, c.index))):
                 self._require_each_step(c, after)
@@ -281,12 +281,14 @@ class NodeWays(Ways):
                 self.notes["in step" if step else "passes", c.name] = None
             yield from ends
 
-    def _is_with_sc(self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]) -> bool:
-        """Whether a node is released whenever SC is, behind all before it, and declares no times.
+    def _is_released_with_sc(
+        self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]
+    ) -> bool:
+        """Whether a node is released with SC, after all nodes before it, and declares no times.
 
-        It is then taken to run in the module's thread, behind SC (an assumption, printed), and
-        passes an output on in the instant of its publication. An extern has a process of its own
-        unless the system takes it into the thread.
+        It is then assumed (and printed) to run in the module's thread behind SC, and to pass an
+        output on in the instant of its publication. An extern runs in a separate process unless the
+        system takes it into the thread.
         """
         sc = self.system.components[self.module.sc]
         verify = self.module.symbol.verify
@@ -300,7 +302,7 @@ class NodeWays(Ways):
 
     # ------------------------------------------------------------ parts
 
-    def _count_look(self) -> None:
+    def _count_followed_way(self) -> None:
         self.looked += 1
         if self.looked > LOOKS_MAX:
             raise NotRecheckedError("more ways between plants and module than are followed")
@@ -327,7 +329,7 @@ class NodeWays(Ways):
         return any(index in (i, self.system.topics[i].queue_of) for i in c.reads)
 
     def _require_each_step(self, c: Component, index: int) -> None:
-        """NotRecheckedError unless a node publishes a topic in every step; assumed of an extern."""
+        """Raises NotRecheckedError unless a node publishes a topic in each step (or is extern)."""
         assert c.node is not None
         if c.node.extern:
             self.notes["extern", c.name] = None
@@ -338,7 +340,7 @@ class NodeWays(Ways):
             raise NotRecheckedError(f"`{c.name}` may not publish `{name}` in every step")
 
     def _clock_of(self, c: Component) -> Clock:
-        """The clock of a node; times that are not declared count as zero."""
+        """The clock of a node; undeclared times count as zero."""
         late, response = (self._declared_time(c, of) for of in ("late_of", "response_of"))
         clock = Clock(c.name, c.period_ns, c.phase_ns, late or 0, response or 0)
         if clock.max_delay > clock.period:
@@ -346,12 +348,12 @@ class NodeWays(Ways):
         return clock
 
     def _note_undeclared(self, c: Component) -> None:
-        """Notes a node on a path whose times are not declared, and so assumed."""
+        """Notes a node on a path if its times are undeclared and therefore assumed."""
         if None in (self._declared_time(c, "late_of"), self._declared_time(c, "response_of")):
             self.undeclared[c.name] = None
 
     def _declared_time(self, c: Component, of: str) -> int | None:
-        """A time of a node that the `verify` block, or the node itself, declares; else None."""
+        """A time that the `verify` block or the node declares for a node; None if neither does."""
         if of == "response_of" and c.takes_ns is not None:
             return c.takes_ns[1]
         times: dict[str, typed.TypedExpr] = getattr(self.module.symbol.verify, of)
@@ -360,7 +362,7 @@ class NodeWays(Ways):
 
 
 def _node_reads(system: System, c: Component) -> list[int]:
-    """The topics that a node reads; NotRecheckedError for a queue, which tells no age."""
+    """The topics that a node reads. Raises NotRecheckedError for a queue, whose age is unknown."""
     assert c.node is not None
     topics = []
     for s in c.node.subscribes:
@@ -373,7 +375,7 @@ def _node_reads(system: System, c: Component) -> list[int]:
 
 
 def _always_publishes(body: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -> bool:
-    """Whether statements publish a topic whatever they read."""
+    """Whether statements always publish a topic, whatever they read."""
 
     def is_publishing(s: typed.TypedStmt) -> bool:
         if isinstance(s, typed.TypedIf):
@@ -394,13 +396,13 @@ def node_assumptions(ways: Ways) -> Said:
 
 
 def check_ways(facts: Facts, setting: TimingSetting, reads: tuple[list[int], list[int]]) -> None:
-    """DiffersError unless an estimate shows one instant, and no state reaches SC with two ages.
+    """Raises DiffersError unless an estimate shows one instant and SC sees each state with one age.
 
-    The DM compares the stamps of what plants publish to it. The stamp of a node does not show what
-    the node has read: that has to come by one way to all numbers of the estimate, and from one
-    topic where sensors may be silent. Of what SC reads each state has an age of its own in chains
-    and tubes, so that no state may come by two topics of different ages, nor by two numbers of one
-    topic that is made of several reads.
+    The DM compares the stamps of messages from plants. The stamp of a node does not show what the
+    node has read: all numbers of the estimate must get that by the same way, and from one topic if
+    sensors may be silent. In chains and tubes each state that SC reads has one age, so no state may
+    come through two topics of different ages, nor through two numbers of one topic that is made of
+    several reads.
     """
     by_dm, by_sc = (
         {w for r in of for w in _plant_ways(facts, r)} for of in (setting.by_dm, setting.by_sc)
@@ -411,12 +413,12 @@ def check_ways(facts: Facts, setting: TimingSetting, reads: tuple[list[int], lis
         apart |= len({name for _, name in by_dm}) > 1
     if apart:
         raise DiffersError("what the DM reads may show several instants, and no stamp tells")
-    if _count_instants(by_sc, setting) < 2:
+    if _instant_count(by_sc, setting) < 2:
         return
     shown = []
     for read, index in zip(setting.by_sc, reads[1], strict=True):
         plant, published = driven_topics(facts)[index]
-        apart = _count_instants(_plant_ways(facts, read), setting) > 1
+        apart = _instant_count(_plant_ways(facts, read), setting) > 1
         parts = _number_expressions(published) if apart else [published]
         shown += [_variables_behind(plant, part) for part in parts]
     twice = sum(map(len, shown)) > len(set[object]().union(*shown))
@@ -424,24 +426,24 @@ def check_ways(facts: Facts, setting: TimingSetting, reads: tuple[list[int], lis
         raise DiffersError("what SC reads may show several instants, and counts as one")
 
 
-def _count_instants(ways: Iterable[tuple[tuple[Clock, ...], str]], setting: TimingSetting) -> int:
-    """How many instants ways show at most: as many as differ, or as topics that may be silent."""
+def _instant_count(ways: Iterable[tuple[tuple[Clock, ...], str]], setting: TimingSetting) -> int:
+    """How many instants ways show at most: the number of different ways, or of silent topics."""
     every = set(ways)
     heard = {name for _, name in every} if setting.silent else set()
     return max(len({clocks for clocks, _ in every}), len(heard))
 
 
 def _number_expressions(published: typed.TypedExpr) -> list[typed.TypedExpr]:
-    """The expression of each number of a value; its whole expression where no parts are written."""
+    """The expression of each number in a value; the value's expression if it has no parts."""
     if isinstance(published, typed.Aggregate):
         return [x for e in published.elements for x in _number_expressions(e)]
     return [published for _ in leaves(published.type)]
 
 
 def _plant_ways(facts: Facts, read: TopicReading) -> Iterator[tuple[tuple[Clock, ...], str]]:
-    """The ways of a topic from plants, as clocks, each with the plant's topic at its beginning.
+    """The ways of a topic from plants, as clocks, each with the plant's topic where it starts.
 
-    Plants of one period and phase have one clock.
+    Plants of the same period and phase share a clock.
     """
     for path in read.paths:
         clocks = (replace(path.clocks[0], name=""), *path.clocks[1:])
@@ -456,7 +458,7 @@ def _plant_ways(facts: Facts, read: TopicReading) -> Iterator[tuple[tuple[Clock,
 
 
 def _variables_behind(plant: Component, published: typed.TypedExpr) -> set[tuple[int, object]]:
-    """The variables from which a plant computes what it publishes, also through its lets."""
+    """The variables from which a plant computes a published value, also through its lets."""
     assert plant.plant is not None
     lets: dict[object, object] = dict(plant.plant.lets)
     todo: list[object] = [published]

@@ -24,12 +24,12 @@ from soter.certificate.terms.linear_enclosures import (
     UNIT,
     UNIT_ROUNDOFF,
     ZERO,
-    end_values,
     exact,
     hull,
     larger,
     least_and_greatest,
     line_square,
+    monotone_range,
     smaller,
     tangent,
     unbounded_line,
@@ -65,7 +65,7 @@ EVERYWHERE = frozenset({"sin", "cos", "tanh", "atan"})
 
 
 def term_of_prelude_call(make: Operations, name: str, operands: Sequence[Value]) -> Value | None:
-    """The term of a call that depends on inputs; None where the function's body is to be read."""
+    """The term of a call that depends on inputs; None if the function's body must be read."""
     step = name == "smoothstep" and operands[0] == operands[1]
     if name in PRELUDE and not step:
         return prelude_function(make, name, *operands)
@@ -74,15 +74,15 @@ def term_of_prelude_call(make: Operations, name: str, operands: Sequence[Value])
 
 @remembered_with_doubts
 def prelude_function(make: Operations, name: str, *operands: Value) -> Linear:
-    """A function of the prelude: the exact one within its tested bound (an assumption).
+    """A prelude function: the exact function within its tested bound (an assumption).
 
-    The claim: the result stands for all that the machine computes. Let y be the exact value, u the
-    unit roundoff. On its domain it computes y, off by `ulps` units of y and `absolute`, and lies in
-    `values` (`prelude/function_error_bounds.py`). A unit of y is 2 u |y| at most, that of the
-    double it is rounded to 1 + u times as much, and `TINIEST` where y is subnormal: off by a share
-    of |y| and a constant. A flow has y itself. Outside of the domain it is no number, which is a
-    doubt that the result rests on; so is that `exp` may be infinite. A turn further an argument was
-    rounded by `FAR_TURNS` more. NotRecheckedError for a bound of another kind.
+    The claim: the result covers all values that the machine may compute. Let y be the exact value
+    and u the unit roundoff. On the domain the machine computes y with an error of `ulps` units of y
+    plus `absolute`, in `values` (`prelude/function_error_bounds.py`). A unit of y is at most 2 u
+    |y|, or 1 + u times as much for the rounded double, and `TINIEST` if y is subnormal: the error
+    is a share of |y| plus a constant. A flow uses y. Doubts that the result rests on: the argument
+    is in the domain, and `exp` is finite. After whole turns an argument has `FAR_TURNS` more
+    rounding. Raises NotRecheckedError for an unknown bound.
     """
     bound, numbers = BOUNDS[name], [make.finite_term(x) for x in operands]
     if bound.relative:
@@ -116,7 +116,7 @@ def prelude_function(make: Operations, name: str, *operands: Value) -> Linear:
 
 
 def _exact_function(make: Operations, name: str, *numbers: Linear) -> Linear:
-    """A function of the prelude over real numbers; the result rests on its having a value."""
+    """A prelude function over real numbers; the result assumes that the function has a value."""
     terms = make.terms
     if name == "tan":  # it has no value where the cosine is 0
         cosine = terms.apply_function("cos", *numbers)
@@ -143,23 +143,23 @@ def _exact_function(make: Operations, name: str, *numbers: Linear) -> Linear:
 
 @remembered_with_doubts
 def nearest_whole(make: Operations, x: Linear) -> Linear:
-    """The whole number next to x over real numbers; halfway between two it is the greater."""
+    """The whole number nearest to x over real numbers; a half is rounded up."""
     return make.terms.apply_function(
         "floor", make.widened_at_jump(make.terms.combine(((ONE, x),), HALF))
     )
 
 
 def may_be_turned(terms: Terms, x: Linear) -> bool:
-    """Whether a term may stand for angles that are any number of turns further."""
+    """Whether a term contains angles that may be any number of turns further."""
     return not terms.turning.isdisjoint(x.terms)
 
 
 def with_error_bound(
     terms: Terms, x: Linear, share: arb, extra: arb, low: arb, high: arb
 ) -> Linear:
-    """The value `x` of a prelude function and its error: a share of it and `extra`; in [low, high].
+    """The value `x` of a prelude function plus an error: `share` of x and `extra`; in [low, high].
 
-    It holds for arguments in the function's domain, which is an obligation of its own.
+    It holds for arguments in the function's domain; that domain is a separate obligation.
     """
     index = x.atom
     atom = terms.atoms[index]
@@ -178,7 +178,7 @@ def _wave_range(shift: arb, f: Function, low: arb, high: arb) -> Range:
     last = (high / arb.pi() - shift).upper().floor()
     if not last < first + 1:
         return -ONE, ONE
-    least, most = end_values(f, low, high)
+    least, most = monotone_range(f, low, high)
     if last < first:
         return least, most
     return (least, ONE) if first == 2 * (first * HALF).floor() else (-ONE, most)
@@ -188,7 +188,7 @@ def _line_log(low: arb, high: arb) -> Line:
     if not low > 0:
         return unbounded_line()
     curve = lambda x, _: -1 / (2 * x * x)  # noqa: E731
-    return tangent(arb.log, lambda v: 1 / v, curve, end_values, low, high)
+    return tangent(arb.log, lambda v: 1 / v, curve, monotone_range, low, high)
 
 
 def _line_tan(low: arb, high: arb) -> Line:
@@ -197,7 +197,7 @@ def _line_tan(low: arb, high: arb) -> Line:
     if not turns[0] == turns[1]:  # noqa: SIM201 - of balls neither is certain
         return unbounded_line()
     slope, curve = (lambda v: 1 + v.tan() ** 2), (lambda _, y: y * (1 + y * y))
-    return tangent(arb.tan, slope, curve, end_values, low, high)
+    return tangent(arb.tan, slope, curve, monotone_range, low, high)
 
 
 def _line_of_arc(sign: int, f: Function, low: arb, high: arb) -> Line:
@@ -207,13 +207,13 @@ def _line_of_arc(sign: int, f: Function, low: arb, high: arb) -> Line:
     def slope(v: arb) -> arb:
         return sign / (1 - v * v).sqrt()
 
-    return tangent(f, slope, lambda x, _: HALF * x * slope(x) ** 3, end_values, low, high)
+    return tangent(f, slope, lambda x, _: HALF * x * slope(x) ** 3, monotone_range, low, high)
 
 
 def line_smooth_step(low: arb, high: arb) -> Line:
-    """The line over 3 t^2 - 2 t^3 of the number t in [0, 1] that is nearest to x.
+    """The line over 3 t^2 - 2 t^3, with t as x clipped to [0, 1].
 
-    Its derivative is continuous, and changes with x as 6 - 12 t, or not at all beyond the ends.
+    The derivative is continuous, and changes with x as 6 - 12 t, or not at all beyond the ends.
     """
     if high <= 0 or low >= 1:
         end = ZERO if high <= 0 else ONE
@@ -229,11 +229,13 @@ def line_smooth_step(low: arb, high: arb) -> Line:
     def smooth_step(x: arb) -> arb:
         return clip(x) ** 2 * (3 - 2 * clip(x))
 
-    return tangent(smooth_step, lambda x: 6 * clip(x) * (1 - clip(x)), curve, end_values, low, high)
+    return tangent(
+        smooth_step, lambda x: 6 * clip(x) * (1 - clip(x)), curve, monotone_range, low, high
+    )
 
 
 def line_wrap_angle(low: arb, high: arb) -> Line:
-    """The line over the angle in [-pi, pi] of one direction; any angle near half a turn."""
+    """The line over the angle in [-pi, pi] of direction x; allows any angle near half a turn."""
     half = arb.pi()
     if low.is_finite() and high.is_finite():
         turns = ((low + high) * HALF / (2 * half) + HALF).mid().floor()
@@ -245,7 +247,7 @@ def line_wrap_angle(low: arb, high: arb) -> Line:
 
 
 def line_wrapped_double(low: arb, high: arb) -> Line:
-    """The line over `wrap_angle` as computed: x itself in (-PI, PI], else about the angle of x."""
+    """The line over computed `wrap_angle`: x if x is in (-PI, PI], else near the angle of x."""
     if low > -math.pi and high <= math.pi:
         return ONE, ZERO, ZERO, low, high
     error = exact(BOUNDS["wrap_angle"].absolute)
@@ -273,7 +275,7 @@ def _mean_value_plane(
 
 
 def plane_atan2(low_y: arb, high_y: arb, low_x: arb, high_x: arb) -> Plane:
-    """The plane over the angle of a point; any angle near the origin and the ray behind it."""
+    """The plane over a point's angle; allows any angle near the origin and the negative x axis."""
     box = (low_y, high_y), (low_x, high_x)
     if not (low_x > 0 or low_y > 0 or high_y < 0):
         return ZERO, ZERO, ZERO, PI_UP, -PI_UP, PI_UP
@@ -284,7 +286,7 @@ def plane_atan2(low_y: arb, high_y: arb, low_x: arb, high_x: arb) -> Plane:
 
 
 def plane_pow(low_x: arb, high_x: arb, low_y: arb, high_y: arb) -> Plane:
-    """The plane over x^y for x >= 0; for all x where y is one whole number that is at least 0."""
+    """The plane over x^y for x >= 0; for all x if y is a whole number that is at least 0."""
     xs, ys = (low_x.lower(), high_x.upper()), (low_y.lower(), high_y.upper())
     if not (ys[0] == ys[1] >= 0 and ys[0].is_integer()):
         xs = xs[0].max(ZERO), xs[1].max(ZERO)
@@ -302,14 +304,15 @@ FUNCTIONS: dict[str, Callable[..., tuple[arb, ...]]] = {
     "cos": partial(
         tangent, arb.cos, lambda v: -v.sin(), lambda _, y: -y * HALF, partial(_wave_range, ZERO)
     ),
-    "exp": partial(tangent, arb.exp, arb.exp, lambda _, y: y * HALF, end_values),
+    "exp": partial(tangent, arb.exp, arb.exp, lambda _, y: y * HALF, monotone_range),
     "log": _line_log,
     "tanh": partial(
-        tangent, *(arb.tanh, lambda v: 1 - v.tanh() ** 2, lambda _, y: -y * (1 - y * y), end_values)
+        tangent,
+        *(arb.tanh, lambda v: 1 - v.tanh() ** 2, lambda _, y: -y * (1 - y * y), monotone_range),
     ),
     "atan": partial(
         tangent,
-        *(arb.atan, lambda v: 1 / (1 + v * v), lambda x, _: -x / (1 + x * x) ** 2, end_values),
+        *(arb.atan, lambda v: 1 / (1 + v * v), lambda x, _: -x / (1 + x * x) ** 2, monotone_range),
     ),
     "tan": _line_tan,
     "asin": partial(_line_of_arc, 1, arb.asin),

@@ -51,23 +51,23 @@ HAIR = exact(2.0**-21)
 
 @dataclass(eq=False)
 class TermsBesideZero(Terms):
-    """Terms over inputs some of which are not at one of their ends."""
+    """Terms over inputs, some of which never reach one of their two ends."""
 
     excluded: dict[int, int] = field(default_factory=dict)
     """Inputs that lie above their lower end (1), or below their upper one (-1)."""
 
     def below_zero(self, x: Linear, *, strict: bool = True) -> Proposition:
-        """The proposition x < 0 as of `Terms`, also decided at ends where inputs never are."""
+        """The proposition x < 0 as in `Terms`, also decided at ends that inputs never reach."""
         if self._is_beside_zero(x, 1 if strict else -1):
             return TRUE if strict else FALSE
         return super().below_zero(x, strict=strict)
 
     def is_outside_state(self, x: Linear) -> bool:
-        """Whether x reads an input that is never at one of its ends: there both sides count."""
+        """Whether x reads an input that never reaches an end; both truths count at that end."""
         return any(self.excluded.get(index, 0) for index in x.terms)
 
     def _is_beside_zero(self, x: Linear, sign: int) -> bool:
-        """Whether sign * x <= 0, with 0 only where an input is at an end that it never reaches."""
+        """Whether sign * x <= 0, with 0 only if an input is at an end that it never reaches."""
         most, beside = sign * x.const + x.radius, False
         for index, factor in x.terms.items():
             atom, slope = self.atoms[index], sign * factor
@@ -77,10 +77,10 @@ class TermsBesideZero(Terms):
 
 
 class Resting:
-    """The marked cells of one group; NotRecheckedError where the argument does not cover it."""
+    """The argument for the marked cells of a group; raises NotRecheckedError if it fails."""
 
     def __init__(self, model: CaseModel, group: Axes, marked: NDArray[np.bool_], c: Cells) -> None:
-        """`marked`: of the grid's shape; `c`: the cells of C."""
+        """`marked` has the grid's shape; `c` contains the cells of C."""
         self.model, self.group, self.grid = model, group, group.grid
         self.marked, self.c = marked, c
         self._require_resting_case()
@@ -127,9 +127,9 @@ class Resting:
         return terms, states
 
     def _ranges_of_commands(self) -> tuple[list[Interval], set[int]]:
-        """(the range of each command of SC over all states, the states that SC or a rate reads).
+        """The range of each SC command over all states, and the states that SC or a rate reads.
 
-        These states are found with states anywhere, so that no branch is left out.
+        Reads are found with states anywhere, so that no branch is left out.
         """
         model = self.model
         terms, states = self._new_terms({})
@@ -144,7 +144,7 @@ class Resting:
         return [(u.low.max(exact(c.low)), u.high.min(exact(c.high))) for u, c in bounds], read
 
     def _interval_of_b(self, axis: int) -> Interval:
-        """The interval of B on an axis: the smallest one with 0 and with all marked cells."""
+        """The interval of B on an axis: the smallest that contains 0 and all marked cells."""
         others = tuple(k for k in range(self.marked.ndim) if k != axis)
         places = np.flatnonzero(self.marked.any(axis=others))
         edges = self.grid.edges[axis]
@@ -152,9 +152,9 @@ class Resting:
         return exact(min(low, 0.0)), exact(max(high, 0.0))
 
     def _rate_ranges(self, signs: Signs) -> list[Interval]:
-        """The ranges of all rates at the states of B, and a hair beyond, that have these signs.
+        """The ranges of all rates at states in or just beyond B that have these signs.
 
-        For a state that is 0 both sides count as well: a run may go to and fro there.
+        For a state that is 0, both sides count as well, since a run may go back and forth there.
         """
         found = self._rate_ranges_with_signs(signs, signs)
         for at in product(*((s,) if s else (-1, 1) for s in signs)):
@@ -164,7 +164,7 @@ class Resting:
         return found
 
     def _rate_ranges_with_signs(self, signs: Signs, compared: Signs) -> list[Interval]:
-        """The ranges of rates at states with `signs`; `compared`: their signs in comparisons."""
+        """The ranges of rates at states with `signs`; comparisons use the signs in `compared`."""
         ranges = {}
         for axis, (low, high), sign in zip(self.moving, self.box, signs, strict=True):
             hair = (high - low) * HAIR
@@ -185,7 +185,7 @@ class Resting:
     # ------------------------------------------------------------ B, and how far ways get
 
     def _require_nearing_zero(self) -> None:
-        """NotRecheckedError where a state of B may get farther from 0."""
+        """Raises NotRecheckedError if a state of B may move away from 0."""
         for signs, rates in self.rates.items():
             for axis, sign in zip(self.moving, signs, strict=True):
                 low, high = rates[axis]
@@ -194,7 +194,7 @@ class Resting:
                     raise NotRecheckedError(f"P2a: SC does not certainly bring {name} nearer to 0")
 
     def _growth_factors(self, way: int, sign: int) -> list[tuple[int, arb, arb]]:
-        """(y, c below 0, c above 0) for each state y whose c |y| bounds the way's growth."""
+        """(y, c below 0, c above 0) for each state y for which c |y| limits the growth of `way`."""
         found = []
         for k, axis in enumerate(self.moving):
             c = {-1: ZERO, 1: ZERO}
@@ -213,7 +213,7 @@ class Resting:
         return found
 
     def _is_safe_beyond(self, way: int, sign: int) -> bool:
-        """Whether all beyond an end of a way is in C, wherever the other ways are."""
+        """Whether all states beyond an end of a way are in C, for any values of other ways."""
         facts = self.model.facts
         if has_no_ends(self.grid, way):
             return True  # its outer cells are in C with all that lies beyond
@@ -240,7 +240,7 @@ class Resting:
                 yield cell
 
     def _reached_ranges(self, cell: Block) -> list[float] | None:
-        """The ranges that a run from a cell reaches in the grid; None: it may leave unsafely."""
+        """The ranges that a run from a cell reaches in the grid; None if it may leave unsafely."""
         ends = self.grid.box_of(cell)
         reached: list[float] = []
         for k, edges in enumerate(self.grid.edges):
@@ -271,9 +271,9 @@ class Resting:
 def resting_cells_unshown(
     model: CaseModel, group: Axes, marked: NDArray[np.bool_], c: Cells
 ) -> partial[Iterator[Block]]:
-    """The function from a block to its `marked` cells (shaped as the grid) that are not shown.
+    """A function from a block to its `marked` cells (shaped as the grid) that remain unshown.
 
-    RejectedError where a marked cell is not in `c`, NotRecheckedError as `Resting`.
+    Raises RejectedError if a marked cell is not in `c`, NotRecheckedError as `Resting` does.
     """
     if not (marked <= c.members).all():
         raise RejectedError("K has cells at rest on which `safe` is not certain")

@@ -21,7 +21,7 @@ from itertools import product, repeat
 from math import prod
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.case_model import command_term, step_of_sc
+from soter.certificate.reading.case_model import command_term, sc_step_reader
 from soter.certificate.reading.module_facts import topics_read_by_sc
 from soter.certificate.reading.symbolic_values import symbolic_int, value_of_leaves
 from soter.certificate.report import NotRecheckedError
@@ -62,9 +62,9 @@ def modes_in(code: Sequence[object]) -> list[Key]:
 
 
 def mode_combinations(code: Sequence[object]) -> Iterator[dict[Key, int]]:
-    """Every combination of the modes that a step reads; an empty one where it reads none.
+    """Yields every combination of the modes that a step reads; an empty one if it reads no mode.
 
-    NotRecheckedError where there are too many.
+    Raises NotRecheckedError if the combinations are too many.
     """
     keys = modes_in(code)
     if len(keys) > MODES_MAX:
@@ -74,14 +74,14 @@ def mode_combinations(code: Sequence[object]) -> Iterator[dict[Key, int]]:
 
 
 def mode_inputs(terms: Terms, code: Sequence[object]) -> dict[Key, Any]:
-    """A new input, 0 or 1, for every mode that is read."""
+    """A new input, 0 or 1, for every mode that the code reads."""
     return {key: symbolic_int(terms.add_input("box", "mode", ZERO, ONE)) for key in modes_in(code)}
 
 
 def require_modes_of_others(facts: Facts) -> None:
-    """`NotRecheckedError` for the module's own mode, an unknown one, or a mode in `safe`.
+    """Raises NotRecheckedError for the module's mode, an unknown mode, or a mode in `safe`.
 
-    This is asked where the module flies: symbols of a view, or of an abstraction, are others.
+    The check uses the flying module, as a view or an abstraction has other symbols.
     """
     flying, module = facts.flying, facts.flying_module
     sc = flying.components[module.sc]
@@ -118,7 +118,7 @@ def published_in_every_step(
     with_modes: Callable[[Any], Callable[[Any], dict[int, Any]]],
     claimed: Ranges,
 ) -> Iterator[dict[int, Any]]:
-    """What SC may publish, for each combination of modes (`with_modes`) and of its locals."""
+    """Yields the values that SC may publish, for each combination of modes and of SC's locals."""
     for modes in mode_combinations(sc.step):
         published = with_modes(modes)
         for known_locals in combinations_of_locals(terms, sc.locals, claimed):
@@ -128,7 +128,7 @@ def published_in_every_step(
 def combinations_of_locals(
     terms: Terms, variables: Sequence[typed.Variable], claimed: Ranges
 ) -> Iterator[dict[typed.Variable, Any]]:
-    """Every combination of values of locals, or an empty one; `claimed`: ranges of floats."""
+    """Yields every combination of values of locals; `claimed` has the ranges of floats."""
     parts: list[Any] = [
         ends or of
         for v in variables
@@ -194,7 +194,7 @@ def _new_input_of_type(terms: Terms, of: Type | tuple[float, float]) -> Linear |
 
 
 def any_alternative(terms: Terms, alternatives: Sequence[Linear]) -> Linear:
-    """A term that stands for any of the alternatives; equal enclosures count once."""
+    """A term that stands for any alternative; alternatives with equal enclosures count once."""
     shapes = _Shapes(terms)
     kept: dict[object, Linear] = {}
     for x in alternatives:
@@ -211,7 +211,7 @@ def any_alternative(terms: Terms, alternatives: Sequence[Linear]) -> Linear:
 
 
 def enclose_any(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """Row and range of any alternative: the first row, spread so far that it holds all."""
+    """The row and range of any alternative: the first row, widened until it contains all."""
     count, ranges = (len(atom.arguments) + 1) // 2, [*map(forms.term_ends, atom.arguments)]
     row, constant, spread = forms.row_of(atom.arguments[0])
     low, high = _ends_around_intervals(forms, [(forms.make.zero,) * 2, *ranges[count:]])
@@ -227,9 +227,9 @@ def _ends_around_intervals(forms: AffineForms, intervals: Sequence[Ends]) -> End
 
 
 class _Shapes:
-    """Keys that are equal for terms built alike, over the same inputs: their enclosures are equal.
+    """Keys that are equal for terms of equal structure over the same inputs.
 
-    Two such terms need not be one number; each can stand for both, enclosing the same numbers.
+    Two such terms may have different values, but their enclosures are equal, so either serves both.
     """
 
     def __init__(self, terms: Terms) -> None:
@@ -245,7 +245,7 @@ class _Shapes:
         return (ball_key(x.const), ball_key(x.radius), parts, x.nonnegative, rounded)
 
     def _atom_key(self, index: int) -> int:
-        """A number that stands for the shape of an atom."""
+        """The number of an atom's shape; equal shapes have equal numbers."""
         if index not in self._atoms:
             atom = self._terms.atoms[index]
             shape: object = index
@@ -275,11 +275,11 @@ class _Shapes:
 
 
 def check_start_answers(facts: Facts) -> None:
-    """NotRecheckedError unless SC surely answers all that it may read before there are states.
+    """Raises NotRecheckedError unless SC surely answers all that it may read before states exist.
 
-    SC reads only defaults while no topic shows a state, if one publisher writes all topics each
-    time, and never before it has read a state itself. Otherwise a state of one topic may be read
-    beside the default of another, and so each may be any value of its set.
+    While no topic shows a state, SC reads only defaults, if one publisher writes all topics each
+    time and waits until it has read a state. Otherwise SC may read a state of one topic with the
+    default of another, so each may be any value of its set.
     """
     setting = facts.setting
     sc = facts.sc
@@ -306,14 +306,14 @@ def is_step_harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, 
     """Whether a step of SC on these values surely publishes all outputs, within their sets."""
     sc = facts.sc
     assert sc.node is not None
-    published = step_of_sc(terms, sc, known, mode_inputs(terms, sc.node.step))({})
+    published = sc_step_reader(terms, sc, known, mode_inputs(terms, sc.node.step))({})
     for control in facts.controls:
         command_term(terms, control, [published])
     return all_certain(terms, terms.obligations)
 
 
 def _any_topic_value(terms: Terms, topic: Topic, *, default: bool) -> Any:  # noqa: ANN401  a Soter value
-    """A term for any value of the set of a topic; with `default` the default alone."""
+    """A term for any value in the set of a topic; with `default`, for the default alone."""
     bounded = all(
         b is not None and isinstance(of, FloatType)
         for (_, of), b in zip(leaves(topic.type), topic.bounds, strict=True)

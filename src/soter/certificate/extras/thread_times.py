@@ -1,6 +1,6 @@
 """Whether the trusted thread keeps the times that a module is held to, checked again: an extra.
 
-Purpose: DM, SC and nodes of Soter code run in one thread. `check_thread_times` shows, from the
+Purpose: DM, SC and nodes of Soter code run in one thread. `thread_time_assumption` shows, from the
 execution times and jitters that the flying system declares, that none of them begins or ends later
 there than a `TimingSetting` says; processes of their own are compared with what they say
 themselves. An induction, whose steps take no time, asks `first_delayed_in_thread` for a component
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ThreadRelease:
-    """A release in the thread: its component, and when it begins and ends at the latest (ns)."""
+    """A release in the thread: its component, and its latest start and end in ns."""
 
     who: Component
     release: int
@@ -43,15 +43,15 @@ class ThreadRelease:
     ends: int
 
 
-def check_thread_times(
+def thread_time_assumption(
     system: System, module: Module, setting: TimingSetting, in_step: Iterable[str]
 ) -> str:
-    """The assumption made of the thread, in words; DiffersError for a time that it does not keep.
+    """Checks the thread's times and returns the assumption about them as text.
 
-    "" where nobody in the thread declares an execution time or a jitter. Times that are not
-    declared count as zero: a time that does not hold even then is a miss. `in_step`: names of nodes
-    behind SC in its instant. SC may begin when the DM's verdict may still be due, which
-    `latest_start` counts. NotRecheckedError where there are too many releases.
+    It is "" if nothing in the thread declares an execution time or jitter. Undeclared times count
+    as zero: a time that is exceeded even then is a miss. `in_step`: names of nodes behind SC in its
+    instant. SC may begin while the DM's verdict is due, which `latest_start` counts. Raises
+    DiffersError for a time that is exceeded, NotRecheckedError for too many releases.
     """
     clocks = {c.name: c for c in _clocks_of_nodes(setting)}
     _check_own_times(system, clocks, in_step)
@@ -80,9 +80,9 @@ def check_thread_times(
 
 
 def first_delayed_in_thread(system: System, followed: Iterable[Component]) -> str:
-    """The first component that may start or end after its release in the thread; "" if none may.
+    """The first component that may start or end after its release in the thread, or "".
 
-    DiffersError, NotRecheckedError where the thread has too much to do, or too many releases.
+    Raises DiffersError or NotRecheckedError if the thread is overloaded or has too many releases.
     """
     thread = [c for c in system.components if _is_in_thread(c)]
     ids = {c.index for c in followed}
@@ -94,7 +94,7 @@ def first_delayed_in_thread(system: System, followed: Iterable[Component]) -> st
 
 
 def _is_in_thread(c: Component) -> bool:
-    """Whether a component runs in the thread: Soter code, or an extern taken in (`inline`)."""
+    """Whether a component runs in the thread: as Soter code, or as an `inline` extern."""
     if c.node is None:
         return c.role == "dm"
     return c.inline or not c.extern
@@ -110,7 +110,7 @@ def _clocks_of_nodes(setting: TimingSetting) -> Iterable[Clock]:
 
 
 def _releases_of_thread(thread: list[Component]) -> list[ThreadRelease]:
-    """All releases until every component has begun and two hyperperiods have gone by."""
+    """All releases until each component has begun and two hyperperiods have passed."""
     hyper = lcm(*(c.period_ns for c in thread))
     work = sum(hyper // c.period_ns * (c.wcet_ns or 0) for c in thread)
     if work > hyper:
@@ -133,7 +133,7 @@ def _releases_of_thread(thread: list[Component]) -> list[ThreadRelease]:
 
 
 def _require_release_in_time(turn: ThreadRelease, start: int, response: int) -> None:
-    """DiffersError where a release begins after `start`, or takes longer than `response` (ns)."""
+    """Raises DiffersError if a release starts after `start` or takes over `response` (ns)."""
     if turn.begins > start:
         late = show_ns(turn.begins - turn.release)
         raise DiffersError(f"`{turn.who.name}` may start {late} after a release in the thread")
@@ -143,9 +143,9 @@ def _require_release_in_time(turn: ThreadRelease, start: int, response: int) -> 
 
 
 def _check_own_times(system: System, clocks: dict[str, Clock], in_step: Iterable[str]) -> None:
-    """DiffersError where a node in its own process declares longer times than are counted.
+    """Raises DiffersError if a node in a separate process declares longer times than assumed.
 
-    For a node that is taken to run with SC no time is counted.
+    A node that runs with SC is assumed to take no time.
     """
     times = {name: (clock.late, clock.response) for name, clock in clocks.items()}
     for name, (late, response) in (times | dict.fromkeys(in_step, (0, 0))).items():
@@ -157,16 +157,16 @@ def _check_own_times(system: System, clocks: dict[str, Clock], in_step: Iterable
 def _require_end_behind_sc(
     sc: Component, releases: list[ThreadRelease], nodes: Iterable[Component], response: int
 ) -> None:
-    """DiffersError where a node in the thread may end over `response` ns after SC begins."""
+    """Raises DiffersError if a node in the thread may end over `response` ns after SC begins."""
     for node in nodes:
         if _is_in_thread(node) and _longest_ns_behind_sc(releases, sc, node) > response:
             raise DiffersError(f"`{node.name}` may end later behind SC than its response says")
 
 
 def _longest_ns_behind_sc(releases: list[ThreadRelease], sc: Component, node: Component) -> int:
-    """The longest time from the begin of SC to the end of a node behind it in the same instant.
+    """The longest time from SC's begin to a later node's end, both released at the same instant.
 
-    The thread may wait in between for the release of one of them, no earlier than the instant.
+    In between, the thread may wait for one of their releases, no earlier than this instant.
     """
     worst, instant, between = 0, -1, list[ThreadRelease]()
     for t in releases:

@@ -34,10 +34,10 @@ CELLS_TRIED, HOLDS_TRIED = 3, 2
 
 
 def why_not_recheckable(flat: System, entry: dict[str, Any], files: dict[str, bytes]) -> str:
-    """Why a module would not be re-checked; "" if nothing stands in the way.
+    """Why a module could not be re-checked; "" if nothing prevents it.
 
-    `flat`: the system that has it, as it is proved; `entry`: the module in the manifest; `files`:
-    those that it names.
+    `flat`: the module's system, as it is proved; `entry`: the module in the manifest; `files`: the
+    files that the entry names.
     """
     try:
         methods = [m for key, m in MODULES.items() if key in entry]
@@ -73,7 +73,7 @@ def _try_sets(flat: System, entry: dict[str, Any], certificate: Certificate) -> 
 
 
 def follow_few_cells(check: GridCheck, claims: set[str]) -> None:
-    """Follows SC, and any command, from a few cells of K, wherever that leads."""
+    """Follows SC, and any command, from a few cells of K as a trial; ignores the results."""
     everywhere = Cells(check.grid, np.ones(check.grid.shape, dtype=np.bool_))
     free = FreeCheck(check.model, check.tables, check.model.facts.times["H_ns"])
     cells = np.argwhere(check.kernel.members)

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 def module_in_view(module: Module, name: str) -> Module:
-    """The module with the parts that view `name` shows; `NotRecheckedError` for no such view."""
+    """The module with the parts that view `name` shows; NotRecheckedError if it has no view so."""
     symbol = module.symbol
     named = [v for v in symbol.verify.views if v.name == name]
     if len(named) != 1:
@@ -66,9 +66,9 @@ def module_in_view(module: Module, name: str) -> Module:
 def shown_part_of_enters(
     symbol: typed.ModuleSymbol, block: typed.TypedVerifyBlock
 ) -> typed.TypedExpr | None:
-    """The conjunction of the parts of `enters` that a view shows; None where there is no `enters`.
+    """The conjunction of the parts of `enters` that a view shows; None without `enters`.
 
-    All of `enters` implies it; it is true where the view shows no part.
+    `enters` implies this conjunction; it is true if the view shows no part.
     """
     if symbol.verify.enters is None:
         return None
@@ -76,7 +76,7 @@ def shown_part_of_enters(
 
 
 def why_views_leave_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> str:
-    """Why these views of a module together do not show all of it; "" where they do."""
+    """Why these views of a module together do not show all of it; "" if they do."""
     for view in symbol.verify.views:
         if view.name not in views:
             return f"view `{view.name}` of module `{symbol.name}` is not there"
@@ -91,9 +91,9 @@ def why_views_leave_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> s
 
 
 def without_ages(ttf: typed.TypedExpr) -> typed.TypedExpr:
-    """`ttf` without the parts that read an age; unchanged if every part reads one.
+    """`ttf` without the parts that read an age; unchanged if every part reads an age.
 
-    "Not `ttf`" asks that every part be false: without some it is weaker, and more has to be shown.
+    "Not `ttf`" asks that all parts be false; with fewer parts it is weaker, so more must be shown.
     """
     parts = _needed_parts(ttf, wanted=False)
     rest = [p for p in parts if not any(isinstance(n, typed.AgeRead) for n in nodes([p[0]]))]
@@ -109,7 +109,7 @@ def _reads_shown(part: Part, shown: Collection[typed.TopicSymbol]) -> bool:
 
 
 def _needed_parts(e: typed.TypedExpr, *, wanted: bool) -> Iterator[Part]:
-    """The parts that must all have their truth so that `e` has the truth `wanted`."""
+    """Yields the parts of `e`, with truths, that all must hold for `e` to have truth `wanted`."""
     if isinstance(e, typed.TypedUnary) and e.op == "!":
         yield from _needed_parts(e.operand, wanted=not wanted)
     elif isinstance(e, typed.TypedBinary) and e.op == ("&&" if wanted else "||"):
@@ -123,7 +123,7 @@ def _needed_parts(e: typed.TypedExpr, *, wanted: bool) -> Iterator[Part]:
 
 
 def _returned_expression(call: typed.TypedCall) -> typed.TypedExpr | None:
-    """The expression that a call stands for, if its function only returns one; else None."""
+    """The expression that a call's function returns if it does only that; else None."""
     steps = call.fun.body or ()
     only = steps[0] if len(steps) == 1 else None
     if not isinstance(only, typed.TypedReturn):
@@ -140,13 +140,13 @@ def _returned_expression(call: typed.TypedCall) -> typed.TypedExpr | None:
 def _shown_conjunction(
     e: typed.TypedExpr, shown: set[typed.TopicSymbol], *, wanted: bool
 ) -> typed.TypedExpr:
-    """The conjunction of the shown parts of `e`; true where there are none."""
+    """The conjunction of the shown parts of `e`; true if it has none."""
     shown_parts = [part for part in _needed_parts(e, wanted=wanted) if _reads_shown(part, shown)]
     return _join_parts("&&", e.span, shown_parts, wanted=True)
 
 
 def _join_parts(op: str, span: Span, parts: Sequence[Part], *, wanted: bool) -> typed.TypedExpr:
-    """The parts joined by `op`; each as it is where its truth is `wanted`, else negated."""
+    """The parts joined by `op`; negates each part whose truth is not `wanted`."""
     joined: typed.TypedExpr = typed.Literal(BOOL, span, value=op == "&&")
     for e, truth in parts:
         joined = typed.TypedBinary(BOOL, span, op, joined, e if truth == wanted else _negation(e))
@@ -163,9 +163,9 @@ def _negation(e: typed.TypedExpr) -> typed.TypedExpr:
 def make_abstracted_system(
     system: System, module: Module
 ) -> tuple[System, Module, tuple[Component, ...]]:
-    """Makes the system to prove in, the module there, and its plants.
+    """Makes the system to prove in, the module in that system, and its plants.
 
-    SoterError where a system of the module and its `abstracts` plants cannot be elaborated.
+    Raises SoterError if a system of the module and its `abstracts` plants cannot be elaborated.
     """
     symbol = module.symbol
     ac, sc = (system.components[i].node for i in (module.ac, module.sc))
@@ -196,9 +196,9 @@ def make_abstracted_system(
 def _sets_for_plants(
     module: Module, instances: tuple[typed.InstanceSymbol, ...]
 ) -> tuple[typed.SetSymbol, ...]:
-    """The `set`s of the module's own parameters, for each plant of its proof.
+    """The module's parameter values that its system does not have, as `set`s for each plant.
 
-    Its topics belong to the surrounding system, so they keep that system's parameters.
+    The topics belong to the surrounding system, so they keep that system's parameters.
     """
     sets = [(p, v) for p, v in module.scope.params.items() if repr(module.around[p]) != repr(v)]
     return tuple(typed.SetSymbol(i.name, p, v, i.span) for i in instances for p, v in sets)
@@ -221,7 +221,7 @@ def states_at_start(facts: Facts, name: str) -> Sequence[Any] | None:
 
 
 def require_same_as_flown(facts: Facts) -> None:
-    """NotRecheckedError unless the proof's system has the topics and periods of the flying one."""
+    """Raises NotRecheckedError if the proved system has other topics or periods than flown."""
     system, flying = facts.system, facts.flying
     module, running = facts.module, facts.flying_module
     pairs = [(module.scope, running.scope)]
@@ -252,7 +252,7 @@ def require_same_as_flown(facts: Facts) -> None:
 
 
 def require_abstracted_sensors(facts: Facts, topics: set[int]) -> None:
-    """DiffersError unless each topic comes from the real plant whose abstraction drives it."""
+    """Raises DiffersError if a topic does not come from the real plant of its abstraction."""
     outer = name_of_subsystem(facts.flying_module)
     driven = driven_topics(facts)
     for index in topics:
@@ -275,7 +275,7 @@ def conformance_assumptions(facts: Facts) -> Said:
 
 
 def assumptions_on_topics_of_safe(facts: Facts) -> Said:
-    """The assumptions on topics that `safe` alone reads and that plants of the proof drive."""
+    """Yields the assumptions on topics that only `safe` reads and that the proof's plants drive."""
     read = {i for of in topics_read(facts) for i in of}
     driven = driven_topics(facts)
     for symbol in topic_reads(facts.symbol.safe):

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO
 from soter.certificate.terms.straight_line import (
     apply_operation,
+    bound_of_dot,
     dot,
     product,
-    sum_of_sizes,
     total,
     unit_rows,
 )
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False)
 class OpenedForm:
-    """A form, taken apart. `ranges`: of states, then of old commands, the latest first."""
+    """A form in parts. `ranges` are of the states, then of old commands, the latest first."""
 
     ranges: list[Interval]
     z: Rows
@@ -41,13 +41,13 @@ class OpenedForm:
     """For each old command its coefficients on the betas of the states."""
 
     def rows(self, first: int, count: int) -> Rows:
-        """Rows over z that pick `count` of its entries, from `first` on."""
+        """Rows over z that pick `count` entries of z, starting at `first`."""
         return unit_rows(count, width=len(self.z), first=first)
 
 
 @dataclass(eq=False)
 class StateRows:
-    """The states at an instant of a hold: rows over z, distances from these (`rest`), ranges."""
+    """States at one instant: rows over z, how far states may be off them (`rest`), and ranges."""
 
     rows: Rows
     rest: list[Any]
@@ -56,7 +56,7 @@ class StateRows:
 
 @dataclass(eq=False)
 class CommandRows:
-    """Commands: rows over z, ranges, and how far off its row each may be at any time."""
+    """Commands: rows over z, their ranges, and how far each command may ever be off its row."""
 
     rows: Rows
     ranges: list[Interval]
@@ -65,19 +65,19 @@ class CommandRows:
 
 @dataclass(frozen=True)
 class FormLayout:
-    """The places of the numbers in a form of `n` states and the `depth` latest of `q` commands."""
+    """The layout of a form's numbers: `n` states and the `depth` latest of `q` commands."""
 
     n: int
     q: int
     depth: int
 
     def form_length(self, *, fresh: bool) -> int:
-        """How many numbers a form has; `fresh`: a form of states alone, without commands."""
+        """The number of numbers in a form; `fresh`: the form has states but no commands."""
         n, memories = self.n, 0 if fresh else self.depth * self.q
         return (4 + n) * (n + memories) + n * memories
 
     def take_apart(self, form: Form, before: list[Interval] | None) -> OpenedForm:
-        """Takes a form apart; `before`: ranges of old commands, where the form has no commands."""
+        """Takes a form apart; `before`: ranges of old commands if the form has no commands."""
         n, q = self.n, self.q
         count = n + self.depth * q
         boxes = n if before is not None else count
@@ -102,9 +102,12 @@ class FormLayout:
         return StateRows(start.rows(0, self.n), [ZERO] * self.n, list(start.ranges[: self.n]))
 
     def put_together(self, start: OpenedForm, way: StateRows, new: CommandRows) -> Form:
-        """Makes the form at the end of a hold, from its states `way` then and its command `new`."""
+        """Makes the form at the end of a hold from the states `way` there and the command `new`."""
         n, old = self.n, (self.depth - 1) * self.q
-        spread, turned = product(way.rows, start.z), self._on_old_betas(start, way.rows)
+        spread, turned = (
+            product(way.rows, start.z),
+            self._coefficients_on_old_betas(start, way.rows),
+        )
         lines = [
             [*row[: 1 + n], absolute_sum(row[1 + n :]) + rest]
             for row, rest in zip(spread, way.rest, strict=True)
@@ -112,11 +115,11 @@ class FormLayout:
         ranges, common = list(way.box), []
         if self.depth:
             ranges += [*new.ranges, *start.ranges[n : n + old]]
-            answers = self._on_old_betas(start, new.rows)
+            answers = self._coefficients_on_old_betas(start, new.rows)
             commands = zip(product(new.rows, start.z), answers, strict=True)
             kept = zip(start.z[n : n + old], start.memories[:old], strict=True)
             for values, betas in (*commands, *kept):
-                line, a = self._on_new_betas(values, betas, turned, spread, way)
+                line, a = self._command_on_new_betas(values, betas, turned, spread, way)
                 lines.append(line)
                 common.append(a)
         return (
@@ -127,29 +130,29 @@ class FormLayout:
             *(x for a in common for x in a),
         )
 
-    def _on_old_betas(self, start: OpenedForm, rows: Rows) -> Rows:
-        """The coefficients of rows on the states' old betas, also those by way of old commands.
+    def _coefficients_on_old_betas(self, start: OpenedForm, rows: Rows) -> Rows:
+        """The coefficients of rows on the states' old betas, directly and through old commands.
 
-        No claim rests on them: they only make `a` in `_on_new_betas` a good choice.
+        No claim rests on them: they only make `a` in `_command_on_new_betas` a good choice.
         """
         shared = [*unit_rows(self.n), *start.memories]
         return product([row[: len(shared)] for row in rows], shared)
 
-    def _on_new_betas(
+    def _command_on_new_betas(
         self, values: Sequence[Any], old: Sequence[Any], turned: Rows, spread: Rows, way: StateRows
     ) -> tuple[list[Any], list[Any]]:
-        """A command over the betas of the new states: its line, and its coefficients on them.
+        """The line of a command over the betas of the new states, and its coefficients on them.
 
         With old betas B beta: states R B beta + noise, command S B beta + rest; S in `old`, R in
         `turned`. For any row a the command is a (states) + (S - a R) B beta - a noise + rest. The
-        row that is taken here, a = S (2 - R), is nearly S R^-1.
+        row that is used here, a = S (2 - R), is nearly S R^-1.
         """
         n = self.n
         a = [
             apply_operation("mid", 2 * old[i] - dot(old, [row[i] for row in turned]))
             for i in range(n)
         ]
-        rest = sum_of_sizes(a, way.rest)
+        rest = bound_of_dot(a, way.rest)
         left = (x - dot(a, column) for x, *column in zip(values, *spread, strict=True))
         return [*values[: 1 + n], rest + absolute_sum(list(left)[1 + n :])], a
 

@@ -1,7 +1,7 @@
 """How a flow leads a form over one hold of SC, or over a span of any commands.
 
-Purpose: `FlowChain` computes what `sc_chains.Chain` and `phase_steps` consist of. A *hold* lasts
-from the instant at which a command of SC acts to that of the next one; a *form* describes all
+Purpose: `FlowChain` computes what `sc_chains.Chain` and `free_phase_steps` consist of. A *hold*
+lasts from the instant at which a command of SC acts to that of the next one; a *form* describes all
 states of a group at an instant (`terms/compile_terms.py`). A flow is enclosed step by step
 (`flow_enclosures.py`), in balls; or as values of a program, of a flow that is the same everywhere.
 Non-goals: which holds make a chain, and maps (`sc_chains.py`); sets (`group_claims.py`).
@@ -49,12 +49,12 @@ from soter.certificate.terms.straight_line import (
     DEMAND,
     NotCertainError,
     apply_operation,
+    bound_of_dot,
     dot,
     growth_bound,
     plus_scaled,
     product,
     side_by_side,
-    sum_of_sizes,
     unit_rows,
 )
 
@@ -82,7 +82,7 @@ DEPTH_MAX = 16
 
 @dataclass(frozen=True)
 class Times:
-    """Times in s: SC's period; `d`: a sample's greatest age; how early, how late commands act."""
+    """Times in s: SC's period; `d`, a sample's greatest age; how early and late commands act."""
 
     delta: Fraction
     d: Fraction = NOW
@@ -95,7 +95,7 @@ class Times:
 
 
 class FlowChain:
-    """Leads forms of one group over holds and free phases; `NotCertainError` where it cannot."""
+    """Follows forms of a group over holds and free phases; raises NotCertainError if it cannot."""
 
     def __init__(
         self,
@@ -123,15 +123,15 @@ class FlowChain:
 
     @property
     def may_sample_elsewhere(self) -> bool:
-        """Whether SC's sample may be another state than the one at the beginning of a hold."""
+        """Whether SC's sample may be a state from before the beginning of a hold."""
         return self.depth > 0 or self.times.anew
 
     @cached_property
     def sc_function(self) -> tuple[Function, list[Interval]]:
-        """SC's step: a function from a form of the sample to rows of the commands, and its domain.
+        """SC's step, as a function from a form of the sample to command rows, and its domain.
 
-        What is unknown of the sample is noise. Beside a limit of SC's a line over the known part
-        stays within the limit; a line over both went beyond it by its slope times the noise.
+        The unknown part of the sample is noise. Near a limit of SC, a line over the known part
+        stays inside; a line over both would pass the limit by slope times noise.
         """
         model, members = self.model, self.members
         terms, states = model.new_terms()
@@ -146,18 +146,18 @@ class FlowChain:
     # ------------------------------------------------------------ steps of a chain
 
     def lead_over_first_hold(self, pieces: int, form: Form) -> Image:
-        """Leads a form over the first hold, from a_0 to delta - e: the form then, and boxes."""
+        """Follows a form over the first hold, a_0 to delta - e; gives the end form and boxes."""
         before = self.flow.ranges * self.depth  # anything
         return self._lead_over_hold(self.layout.take_apart(form, before), pieces, fresh=True)
 
     def lead_over_later_hold(self, pieces: int, form: Form) -> Image:
-        """Leads a form from k delta - e to (k + 1) delta - e: the form then, and the boxes."""
+        """Follows a form from k delta - e to (k + 1) delta - e; gives the end form and boxes."""
         return self._lead_over_hold(self.layout.take_apart(form, None), pieces, fresh=False)
 
     def last_switch_boxes(self, pieces: int, form: Form) -> Image:
         """The boxes in [0, e + l] after N delta - e, while the latest command may still act."""
         start = self.layout.take_apart(form, None)
-        return (), self._lead_over(
+        return (), self._lead_over_steps(
             start, self._acting_command(start), [(self.span / pieces, NOW)] * pieces
         )[1]
 
@@ -165,27 +165,27 @@ class FlowChain:
         """The boxes over [0, time] s under any commands."""
         start = self.layout.take_apart(form, self.flow.ranges * self.depth)
         spans = [(time / pieces, NOW)] * (pieces if time else 0)
-        return (), self._lead_over(start, self._any_commands(start), spans)[1]
+        return (), self._lead_over_steps(start, self._any_commands(start), spans)[1]
 
     def _lead_over_hold(self, start: OpenedForm, pieces: int, *, fresh: bool) -> Image:
-        """Leads a form over a hold: the form at its end, and the boxes on the way.
+        """Follows a form over a hold: gives the form at its end, and the boxes on the way.
 
-        The claim: every run whose states at the beginning are of the form is in the boxes all the
-        time, and at the end in the form that is given back. The sample is the state of an instant,
-        which `_sampled_states` encloses; SC's step on it is a row over the sample, and what it may
-        be off that row an unknown of z, one number for the hold, as one command acts. On the box of
-        `flow.enclose`, which no run leaves during a step, the rate is A x + B u + c and noise, so
-        that states after it are rows of the solution of that, noise counted for as long as it acts
+        The claim: each run whose states at the beginning fit the form is in the boxes all the time,
+        and at the end in the returned form. The sample is the state of an instant, which
+        `_sampled_states` encloses. SC's step on it is a row over the sample; the error of that row
+        is an unknown of z, one number for the hold, as one command acts. On the box of
+        `flow.enclose`, which no run leaves during a step, the rate is A x + B u + c and noise. So
+        later states are rows of its solution, with noise for as long as it acts
         (`_lead_over_step`); until `early` the old command may act (`_effect_of_old_command`).
         """
         new = self._answer_of_sc(start, fresh=fresh)
-        way, boxes = self._lead_over(
+        way, boxes = self._lead_over_steps(
             start, new, self.spans(pieces * self.least_pieces, fresh=fresh)
         )
         return self.layout.put_together(start, way, new), boxes
 
     def spans(self, count: int, *, fresh: bool) -> list[tuple[Fraction, Fraction]]:
-        """The steps of a hold: how long each is in s, and for how long the old command may act."""
+        """The steps of a hold: the length of each in s, and how long old commands act in it."""
         early = NOW if fresh else self.span
         whole = self.delta - self.times.early if fresh else self.delta
         if count == 1 and not self.flow.apart:
@@ -210,10 +210,10 @@ class FlowChain:
     # ------------------------------------------------------------ what SC reads
 
     def _answer_of_sc(self, start: OpenedForm, *, fresh: bool) -> CommandRows:
-        """The commands that answer the sample; their unknowns are entered into `start.z`.
+        """The commands that answer the sample; adds the unknowns of these commands to `start.z`.
 
-        There are no unknowns where each instant has an answer of its own: then the command's
-        distance from its row differs from instant to instant.
+        If each instant has a separate answer, no unknowns are added: then the command's distance
+        from its row differs from instant to instant.
         """
         n, q = self.n, self.q
         sample = self._sampled_states(start, fresh=fresh)
@@ -247,7 +247,7 @@ class FlowChain:
         """The states when the sample was taken; the first sample was taken before a_0.
 
         A read is never younger than the first component that answers it: when a later sample was
-        taken, the latest old command acted from k delta - e on until a_k.
+        taken, the latest old command acted from k delta - e until a_k.
         """
         way = self.layout.states_at_begin(start)
         if self.times.anew:
@@ -275,9 +275,9 @@ class FlowChain:
         ranges: Sequence[Interval],
         others: Sequence[Any],
     ) -> StateRows:
-        """The states at some instant of a span while `acting`, or others within `ranges`, act.
+        """The states at any instant of a span, while `acting` or commands within `ranges` act.
 
-        `others`: the integrals of the differences between these and `acting`.
+        `others`: the integrals of the differences between these commands and `acting`.
         """
         n, flow, way = self.n, self.flow, self.layout.states_at_begin(start)
         begin, end = span
@@ -304,7 +304,7 @@ class FlowChain:
         rest = []
         for i, row in enumerate(integral):
             wide = dot([x.rad() for x in row], sizes)
-            size = noise[i] + wide + sum_of_sizes(pushes[i], others)
+            size = noise[i] + wide + bound_of_dot(pushes[i], others)
             rest.append(apply_operation("magnitude", size))
         rows = plus_scaled(way.rows, product([[x.mid() for x in row] for row in integral], rate))
         self._enter_shared_ages(start, rows, values, (begin, end))
@@ -317,16 +317,16 @@ class FlowChain:
         return placed
 
     def _integral_to_reads(self, local: Enclosure, begin: Fraction, end: Fraction) -> Rows:
-        """The integral of e^{As} from now to instants of a span, less what shared ages add."""
+        """The integral of e^{As} from now to any instant of a span, minus shared-age parts."""
         return self.flow.exp_integral(local, begin, end)
 
     def _enter_shared_ages(
         self, start: OpenedForm, rows: Rows, rates: Rows, span: tuple[Fraction, Fraction]
     ) -> None:
-        """Enters what states of one instant of a span share; a `TubeChain` knows more."""
+        """Enters the part shared by states of an instant; does nothing except in `TubeChain`."""
 
     def _integrals_of_gaps(self, start: OpenedForm) -> list[Any]:
-        """The integral, back to the sample, of the distance of each command from older ones."""
+        """The integral of each command's distance from older commands, back to the sample."""
         n, q = self.n, self.q
         integrals = []
         for k in range(q):
@@ -349,10 +349,10 @@ class FlowChain:
 
     # ------------------------------------------------------------ one step
 
-    def _lead_over(
+    def _lead_over_steps(
         self, start: OpenedForm, new: CommandRows, spans: Sequence[tuple[Fraction, Fraction]]
     ) -> tuple[StateRows, Boxes]:
-        """Leads states over steps under the commands `new`: states then, boxes on the way."""
+        """Follows states over steps under the commands `new`: gives end states and boxes."""
         way, boxes = self.layout.states_at_begin(start), []
         for span, early in spans:
             way, tube = self._lead_over_step(start, way, new, span, early)
@@ -367,7 +367,7 @@ class FlowChain:
         span: Fraction,
         early: Fraction,
     ) -> tuple[StateRows, Boxes]:
-        """The states after `span` and the box until then; until `early` old commands may act."""
+        """The states after `span` and the box on the way; old commands may act until `early`."""
         ranges = new.ranges
         if early:
             old = self._acting_command(start)
@@ -382,7 +382,7 @@ class FlowChain:
             noise = [x + y for x, y in zip(noise, more, strict=True)]
         for row, c in zip(rows, law.constant, strict=True):
             row[-1] += c
-        rest = [sum_of_sizes(row, way.rest) + x for row, x in zip(law.state, noise, strict=True)]
+        rest = [bound_of_dot(row, way.rest) + x for row, x in zip(law.state, noise, strict=True)]
         after = self._ranged_rows(start, StateRows(rows, rest, way.box), local)
         after.box = self._tightened_ranges(way.box, after.box, local, span)
         return after, self._way_box(way, after, local, span)
@@ -391,7 +391,7 @@ class FlowChain:
     def _tightened_ranges(
         before: Boxes, after: Boxes, local: Enclosure, span: Fraction
     ) -> list[Interval]:
-        """The ranges after a step, narrowed by those before: these say more beside a limit."""
+        """The ranges after a step, narrowed by the ranges before, which are tighter at a limit."""
         box = []
         for i, (low, high) in enumerate(before):
             factor = local.a[i][i]
@@ -400,7 +400,7 @@ class FlowChain:
         return box
 
     def _ranged_rows(self, start: OpenedForm, way: StateRows, local: Enclosure) -> StateRows:
-        """The states with ranges from their rows; a state whose rate is 0 keeps its range."""
+        """The states with ranges computed from rows; a state with rate 0 keeps its range."""
         box = []
         for i, row in enumerate(product(way.rows, start.z)):
             radius = absolute_sum(row[1:]) + way.rest[i]
@@ -425,9 +425,9 @@ class FlowChain:
         new: CommandRows,
         early: Fraction,
     ) -> tuple[Rows, list[Any]]:
-        """The rows and noise of E (old - new): what the old command adds, acting until t <= early.
+        """The rows and noise of E (old - new): an old command's effect, acting until t <= early.
 
-        E is the integral of e^{A(h - s)} B over [0, t], e^{Ah} times that of e^{-As}, times B.
+        E is the integral of e^{A(h - s)} B over [0, t], i.e. e^{Ah} times that of e^{-As}, times B.
         """
         old = self._acting_command(start)
         back = [[-x for x in row] for row in self.flow.exp_integral(local, -early, NOW)]
@@ -449,10 +449,10 @@ def _greatest_gap(a: Interval, b: Interval) -> Any:  # noqa: ANN401  a ball or a
 
 
 def _recentre_row(row: list[Any], spread: Any, within: Interval, z: Rows) -> Any:  # noqa: ANN401
-    """Centres a number's row so that its greatest error is least; gives that error.
+    """Centres a number's row to make its greatest error least, and returns that error.
 
-    It follows from the spread, from the constant's radius, and from the interval of the number,
-    which says more beside a limit: rows touch it.
+    The error follows from the spread, the constant's radius, and the interval of the number. Near a
+    limit the interval is tighter, as rows only touch the limit.
     """
     constant = apply_operation("mid", row[-1])
     spread += apply_operation("magnitude", row[-1] - constant)

@@ -54,11 +54,11 @@ from soter.certificate.terms.linear_enclosures import (
 from soter.certificate.terms.straight_line import (
     NotCertainError,
     apply_operation,
+    bound_of_dot,
     dot,
     plus_scaled,
     product,
     side_by_side,
-    sum_of_sizes,
     times_column,
     total,
     unit_rows,
@@ -88,7 +88,7 @@ STIFF, STEPS_MAX = arb("1.2"), 64
 
 @dataclass(frozen=True, eq=False)
 class Enclosure:
-    """A box that holds all solutions; in it x' = a x + b u + constant +- noise, within `rates`."""
+    """A box that contains all solutions, where x' = a x + b u + constant +- noise, in `rates`."""
 
     box: list[Interval]
     a: Rows
@@ -105,7 +105,7 @@ class Enclosure:
 
 
 class KeptEnds:
-    """The grid of a group, and which ends of its axes no run crosses (`sc_chains.py`)."""
+    """The extents of a group's states, and which of these ends no run crosses (`sc_chains.py`)."""
 
     def __init__(
         self, model: CaseModel, members: Sequence[int], kept: Sequence[tuple[bool, bool]]
@@ -115,7 +115,7 @@ class KeptEnds:
         self.kept = list(kept) or [(False, False)] * self.n
 
     def clip_at_kept_ends(self, box: Sequence[Interval]) -> list[Interval]:
-        """The part of a box that lies within those ends that no run crosses."""
+        """The part of a box within the ends that no run crosses."""
         return [
             (
                 apply_operation("max", low, least) if first else low,
@@ -128,7 +128,7 @@ class KeptEnds:
 
 
 class SolvedFlow(KeptEnds):
-    """A linear flow: the same matrices everywhere, and its solution over any span of time."""
+    """A linear flow: it has the same matrices everywhere, and is solved over any time span."""
 
     apart = True
     """Whether the time in which two commands may act is a step of its own."""
@@ -162,9 +162,9 @@ class SolvedFlow(KeptEnds):
     ) -> Enclosure:
         """The enclosure over [start, end], start <= 0 <= end: x + (E - 1) x + F u + c +- noise.
 
-        Commands may change at any time within their ranges: their distance from the middle counts
-        as noise. Before the time of the box noise is large, and rates may say more: in the box that
-        is met they are bounded, and a state has not changed by more than these times the span.
+        Commands may change at any time within their ranges; their distance from the middle counts
+        as noise. Before the time of the box, noise is large and rates may tell more: they are
+        bounded in the box that is met, and a state changes at most by its rate times the span.
         """
         flow, law = self.flow, self._solution(start, end)
         hulls = [apply_operation("union", *ends) for ends in box]
@@ -202,7 +202,7 @@ class SolvedFlow(KeptEnds):
     def _rates_in_box(
         self, met: Sequence[Interval], commands: Sequence[Interval]
     ) -> tuple[list[Any], list[Any]]:
-        """The rate of each state in a box, and that rate without a_ii x_i."""
+        """The rate of each state in a box, with and without the term a_ii x_i."""
         flow, rates, others = self.flow, [], []
         held = [apply_operation("union", *ends) for ends in (*met, *commands)]
         for i, row in enumerate(side_by_side(flow.a, flow.b)):
@@ -212,19 +212,19 @@ class SolvedFlow(KeptEnds):
         return rates, others
 
     def _noise_and_gains(self, start: Fraction, end: Fraction) -> tuple[list[arb], Rows]:
-        """Bounds on what disturbances add to each state, and what each command in [-1, 1] adds."""
+        """Bounds on the effect of disturbances on each state, and of each command in [-1, 1]."""
         flow, columns = self.flow, range(len(self.moves))
         gains = [flow.noise_bounds([[row[k]] for row in flow.b], start, end) for k in columns]
         rows = [[gain[i] for gain in gains] for i in range(self.n)]
         return flow.noise_bounds(flow.noise, start, end), rows
 
     def end_ranges(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
-        """The states' ranges at the end of a span: `box`, as the enclosure says no more."""
+        """The states' ranges at the end of a span: `box` itself, as the enclosure adds nothing."""
         del enclosure  # says no more
         return self.clip_at_kept_ends(box)
 
     def solution_over(self, enclosure: Enclosure, span: Fraction) -> Solution:
-        """The solution over a span of time; the same one in every enclosure."""
+        """The solution over a time span, which is the same in every enclosure."""
         del enclosure
         return self._solution(span, span)
 
@@ -235,10 +235,10 @@ class SolvedFlow(KeptEnds):
         end: Fraction,
         radii: Sequence[Any],
     ) -> list[Any]:
-        """Bounds on what disturbances add in [start, end], with commands off by up to `radii`."""
+        """Bounds on what disturbances add in [start, end], if commands differ by up to `radii`."""
         del enclosure
         noise, gains = self._added(start, end)
-        return [x + sum_of_sizes(row, radii) for x, row in zip(noise, gains, strict=True)]
+        return [x + bound_of_dot(row, radii) for x, row in zip(noise, gains, strict=True)]
 
     def exp_integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
         """The integral of e^{As} over [0, t], for all t in [start, end]."""
@@ -246,7 +246,7 @@ class SolvedFlow(KeptEnds):
 
 
 class LocalFlow(KeptEnds):
-    """The flow of a group, enclosed around each box; states of other groups are in their grids."""
+    """A group's flow, enclosed around each box; states of other groups are in their grids."""
 
     apart = False
 
@@ -259,7 +259,7 @@ class LocalFlow(KeptEnds):
     ) -> None:
         """`kept`: for each member, whether its flow keeps the lower and the upper end.
 
-        `outside`: the member that lies outside of its grid, if one does.
+        `outside`: the member that lies outside its grid, or None.
         """
         super().__init__(model, members, kept)
         terms, states = model.new_terms()
@@ -285,7 +285,7 @@ class LocalFlow(KeptEnds):
         ]
 
     def least_step_count(self, span: Fraction) -> int:
-        """Into how many steps a span is cut at least; each is then short for the rates."""
+        """The least number of steps to divide a span into, so that each is short for the rates."""
         try:
             lines = self.derivative_rows(self.grid, self.ranges)
         except NotCertainError:
@@ -296,7 +296,7 @@ class LocalFlow(KeptEnds):
     def derivative_rows(self, box: Sequence[Interval], commands: Sequence[Interval]) -> list[arb]:
         """The rows of the derivative over a box, in the order of `compile_lines`.
 
-        `NotCertainError` where the derivative is not defined on all of the box.
+        Raises NotCertainError unless the derivative is defined on all of the box.
         """
         for (low, high), (least, most) in zip(box, self.domain, strict=True):
             if not (low >= least and high <= most and low <= high):
@@ -311,7 +311,7 @@ class LocalFlow(KeptEnds):
         return list(rows)
 
     def rate_ranges(self, lines: Sequence[arb]) -> list[Interval]:
-        """The ranges of the derivative, out of its rows."""
+        """The ranges of the derivative, taken from its rows."""
         width = self.n + len(self.moves) + TAIL
         return [(lines[k * width - 2], lines[k * width - 1]) for k in range(1, self.n + 1)]
 
@@ -320,7 +320,7 @@ class LocalFlow(KeptEnds):
     ) -> Enclosure:
         """The enclosure over [start, end], start <= 0 <= end.
 
-        `NotCertainError` where none is found.
+        Raises NotCertainError if no enclosure is found.
         """
         first, last = exact(start), exact(end)
         box, commands = (list(starmap(round_outwards, x)) for x in (box, commands))
@@ -338,7 +338,7 @@ class LocalFlow(KeptEnds):
     def _box_during_span(
         self, box: Sequence[Interval], rates: Sequence[Interval], start: arb, end: arb
     ) -> list[Interval]:
-        """The box in which states of `box` are over [start, end] with these rates, clipped."""
+        """The box that contains states of `box` during [start, end] at these rates, clipped."""
         intervals = []
         for (low, high), (least, most) in zip(box, rates, strict=True):
             down = (end * least).min(start * most).min(ZERO)
@@ -349,7 +349,7 @@ class LocalFlow(KeptEnds):
     def _looser_box(
         self, box: Sequence[Interval], moved: Sequence[Interval], hair: arb
     ) -> list[Interval]:
-        """A box around `moved`, wider by a tenth of the way from `box`, and by a hair."""
+        """A box around `moved`, wider by a tenth of its distance from `box`, and by `hair`."""
         intervals = []
         for (low, high), (least, most), (first, last) in zip(box, moved, self.grid, strict=True):
             more = (last - first).min(ONE + abs(low) + abs(high)) * hair  # a set may be endless
@@ -363,7 +363,7 @@ class LocalFlow(KeptEnds):
     def enclosure_by_rows(
         self, box: Sequence[Interval], commands: Sequence[Interval], lines: Sequence[arb]
     ) -> Enclosure:
-        """The enclosure by these rows of the derivative; the row of a state with rate 0 is zero."""
+        """The enclosure from rows of the derivative; a state with rate 0 has a zero row."""
         n, m = self.n, len(self.moves)
         width = n + m + TAIL
         rows, rates = [], self.rate_ranges(lines)
@@ -386,14 +386,14 @@ class LocalFlow(KeptEnds):
         )
 
     def end_ranges(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
-        """The states' ranges at the end of a span: those of `box` and of the enclosure together."""
+        """The states' ranges at the end of a span, from both `box` and the enclosure."""
         pairs = zip(box, enclosure.box, strict=True)
         return self.clip_at_kept_ends(
             [round_outwards(larger(a, c), smaller(b, d)) for (a, b), (c, d) in pairs]
         )
 
     def solution_over(self, enclosure: Enclosure, span: Fraction) -> Solution:
-        """The solution over a step of this length."""
+        """The solution over a step of length `span`."""
         integral = exp_integrals(enclosure.a, span, span)
         return Solution(
             plus_scaled(unit_rows(self.n), product(enclosure.a, integral)),
@@ -404,7 +404,7 @@ class LocalFlow(KeptEnds):
     def noise_bounds(
         self, enclosure: Enclosure, start: Fraction, end: Fraction, radii: Sequence[arb]
     ) -> list[arb]:
-        """Bounds on what disturbances add in [start, end], with commands off by up to `radii`.
+        """Bounds on what disturbances add in [start, end], if commands differ by up to `radii`.
 
         By |e^{As}| <= e^{Ms}: M has |a_ij| off the diagonal and a_ii on it (backwards: -a_ii; both
         ways: |a_ii|), for with A + k >= 0 on the diagonal e^{As} = e^{-ks} e^{(A + k) s}, and
@@ -414,7 +414,7 @@ class LocalFlow(KeptEnds):
         for i, row in enumerate(enclosure.a):
             major[i][i] = row[i] if start >= 0 else (-row[i] if end <= 0 else major[i][i])
         pairs = zip(enclosure.noise, enclosure.b, strict=True)
-        sizes = [x + sum_of_sizes(row, radii) for x, row in pairs]
+        sizes = [x + bound_of_dot(row, radii) for x, row in pairs]
         longest = max(-start, end)
         return times_column(exp_integrals(major, longest, longest), sizes)
 
@@ -444,7 +444,7 @@ class LocalFlow(KeptEnds):
 
 
 def largest_row_sum(a: Rows) -> arb:
-    """The largest sum of the absolute values in a row, as a number without radius."""
+    """The largest row sum of absolute values, as a number without radius."""
     size = ZERO
     for row in a:
         size = size.max(total(map(abs, row)))
@@ -455,12 +455,12 @@ def largest_row_sum(a: Rows) -> arb:
 
 
 def input_domains(terms: Terms, inputs: Sequence[int]) -> list[Interval]:
-    """The range of each input, outside of which the terms do not hold."""
+    """The range of each input outside which the terms do not hold."""
     return [(terms.atoms[a].low, terms.atoms[a].high) for a in inputs]
 
 
 def round_outwards(low: arb, high: arb) -> Interval:
-    """The interval whose ends have no radius, so that equal ends are seen to be equal."""
+    """The interval with ends that have no radius, so that equal ends compare as equal."""
     return arb(low.lower()), arb(high.upper())
 
 
@@ -469,7 +469,7 @@ def _is_within(box: Sequence[Interval], other: Sequence[Interval]) -> bool:
 
 
 def _obligations(terms: Terms, members: Sequence[int], states: Sequence[int]) -> list[Proposition]:
-    """The obligations of the derivative, without those that are about other groups alone."""
+    """The obligations of the derivative, except those about other groups alone."""
     obligations = []
     for truth in terms.obligations:
         inputs = input_atoms(terms, [truth]).intersection(states)

@@ -61,9 +61,9 @@ SMALL = 4_000
 
 
 class GridGroup:
-    """One group of states, of which a certificate has tables of cells.
+    """A group of states, for which a certificate has tables of cells.
 
-    RejectedError, NotRecheckedError where these are wrong.
+    Raises RejectedError or NotRecheckedError if the tables are wrong.
     """
 
     required, optional = ("kind", "axes", "K"), ("R", "Q", "Q_axes", "W", "W_N", "S")
@@ -73,7 +73,7 @@ class GridGroup:
 
     @classmethod
     def read(cls, certificate: Certificate, facts: Facts, entry: Entry, axes: Axes) -> GridGroup:
-        """Reads the tables of a group; RejectedError where one has not the size of the grid."""
+        """Reads the tables of a group; raises RejectedError if a size differs from the grid's."""
         shape = shape_of_way = axes.grid.shape
         certificate.count_cells(shape)
         core = certificate.number_table(entry["K"], shape, "<u1")
@@ -98,7 +98,7 @@ class GridGroup:
         return GridCheck(model, self.tables, lawful)
 
     def cells_kept_by_law(self, law: Sequence[GridGroup]) -> Cells:
-        """The cells that the law keeps; RejectedError where its group has another grid."""
+        """The cells that the law keeps; raises RejectedError if its group has another grid."""
         tables = self.tables
         for other in (g.tables for g in law):
             if other.states == tables.states and other.grid.edges == tables.grid.edges:
@@ -106,12 +106,12 @@ class GridGroup:
         raise RejectedError("the law is looked at on other cells than SC")
 
     def add_size_to(self, report: RecheckedModule) -> None:
-        """Adds the number of the grid's cells to a report."""
+        """Adds the number of cells of the grid to a report."""
         report.cells += int(np.prod(self.tables.grid.shape))
 
     @property
     def why_never_ac(self) -> str:
-        """Why the DM's table never gives AC control, or never leaves it there; else ""."""
+        """Why the DM's table never gives AC control, or never lets AC keep control; else ""."""
         given_back, levels = self.tables.given_back, self.tables.levels
         if given_back is not None and not given_back.any():
             return f"{GETS} (the table gives it back on no estimate)"
@@ -120,7 +120,7 @@ class GridGroup:
         return ""
 
     def random_points(self, chance: np.random.Generator) -> Iterator[list[float]]:
-        """Random points of K, one number a state: a random cell, and a random point in it."""
+        """Yields random points of K: each point is random within a random cell of K."""
         inside = np.argwhere(self.tables.core > 0)
         while len(inside):
             cell = inside[chance.integers(len(inside))]
@@ -129,10 +129,10 @@ class GridGroup:
 
 
 class GridCheck:
-    """The claims about a group in one case, in the order in which they are asked.
+    """Checks the claims about a group in a case, in the order in which they are asked.
 
-    RejectedError, NotRecheckedError where a claim does not hold. Long work is left to tasks, which
-    may run in other processes.
+    Raises RejectedError or NotRecheckedError if a claim does not hold. Tasks do the long
+    computations, and may run in other processes.
     """
 
     def __init__(self, model: CaseModel, tables: GroupTables, lawful: Cells | None) -> None:
@@ -146,12 +146,12 @@ class GridCheck:
 
     @property
     def shows_rates_defined(self) -> bool:
-        """Whether chains follow a nonlinear flow, and so demand that its rates are defined."""
+        """Whether chains follow a nonlinear flow and therefore need defined rates."""
         return not self.kept and not has_linear_rates(self.model, self.tables.states)
 
     @cached_property
     def chains(self) -> ChainCheck:
-        """The chains of SC; the first ones tried are compiled here, before processes are forked."""
+        """The chains of SC; compiles the first ones now, before processes are forked."""
         check = ChainCheck(self.model, self.tables)
         check.compiled_chain(PIECES[0])
         return check
@@ -161,15 +161,15 @@ class GridCheck:
         return self.kept and all(s.members.all() for s in sets)
 
     def note_safe_cells(self, cells: Cells) -> None:
-        """Notes the cells on which `safe` is certain; RejectedError where K is empty."""
+        """Notes the cells on which `safe` is certain. Raises RejectedError if K is empty."""
         if self.kernel.size == 0:
             raise RejectedError("K is empty")
         self.allowed &= cells.members
 
     def keep_in_topic_set(self, topic: int, cells: Cells) -> None:
-        """Demands that SC keeps the state in `cells`: elsewhere a plant that publishes stops.
+        """Demands that SC keeps the state in `cells`, because a publishing plant stops elsewhere.
 
-        RejectedError where K holds other cells.
+        Raises RejectedError if K has other cells.
         """
         if (self.kernel.members & ~cells.members).any():
             name = self.model.facts.system.topics[topic].name
@@ -180,9 +180,9 @@ class GridCheck:
         self.allowed &= cells.members
 
     def core_tasks(self) -> Iterable[Task]:
-        """Tasks that show that SC leads from K back to K, after as many holds as each cell says.
+        """Tasks that show that SC leads each cell of K back to K, after the cell's number of holds.
 
-        RejectedError where `safe` is not certain on a cell of K.
+        Raises RejectedError if `safe` is not certain on a cell of K.
         """
         text = "`safe`"
         if self.lawful is not None:
@@ -206,7 +206,7 @@ class GridCheck:
         return [*tasks, *block_tasks(text, self.grid, show, holds)]
 
     def free_tasks(self, horizon_ns: int) -> Iterable[Task]:
-        """Tasks that show that no command leads from R out of K; RejectedError without R."""
+        """Tasks that show that no command leads from R out of K. Raises RejectedError without R."""
         if self.tables.free is None:
             raise RejectedError("a claim needs R, which is not there")
         if self.are_never_left(self.kernel):
@@ -226,12 +226,12 @@ class GridCheck:
         return block_tasks(f"`{name}` may leave AC in control outside R(H) in", self.grid, show)
 
     def tasks_for_levels(self, ns_between_verdicts: int) -> Iterator[Task]:
-        """Tasks that show the sets S, where predicates are computed."""
+        """Tasks that show the sets S if predicates are computed."""
         yield from extras.estimates_and_shield.level_tasks(self, ns_between_verdicts)
 
     @property
     def holds_to_return(self) -> int:
-        """The sum over all ranks of the longest chain, in holds; RejectedError without ranks."""
+        """The sum, in holds, of each rank's longest chain; raises RejectedError without ranks."""
         rank, holds = self.tables.rank, self.tables.rank_holds
         if rank is None or holds is None:
             raise RejectedError("a claim needs Q and W, which are not there")
@@ -240,10 +240,10 @@ class GridCheck:
         return int(of_rank[1:].sum())
 
     def return_tasks(self, calm: Cells | None) -> Iterator[Task]:
-        """Tasks that show that SC stays in Q, and leads from all other cells of W to lower ranks.
+        """Tasks that show that SC stays in Q, and leads all other cells of W to lower ranks.
 
-        RejectedError where Q, W or the table of the DM is not there, or they do not fit;
-        NotRecheckedError where K has cells from which SC comes to rest.
+        Raises RejectedError if Q, W or the DM's table is missing or if they do not fit, and
+        NotRecheckedError if K has cells from which SC comes to rest.
         """
         tables = self.tables
         if np.any(tables.core == RESTS):
@@ -281,7 +281,7 @@ class GridCheck:
         yield from block_tasks(text, self.grid, nearer, tables.rank_holds)
 
     def start_tasks(self, until_ns: int) -> Iterable[Task]:
-        """Shows at once that initial states stay in K until SC acts; RejectedError where not."""
+        """Shows at once that initial states stay in K until SC acts, or raises RejectedError."""
         states = [self.model.facts.states[i] for i in self.tables.states]
         box = Grid(tuple(self.grid.move_onto_axis(k, s.low, s.high) for k, s in enumerate(states)))
         inside = self.grid.cells_around([end for edges in box.edges for end in edges]) is not None
@@ -298,9 +298,9 @@ def block_tasks(
     show: Callable[[Block], Iterator[Block]],
     holds: NDArray[Any] | None = None,
 ) -> Iterator[Task]:
-    """Tasks for a claim about all cells of a grid, in blocks; `show`: the cells where it fails.
+    """Tasks for a claim about all cells of a grid, in blocks; `show` yields the failing cells.
 
-    `holds`, of the grid's shape: for how many holds each is followed; None: for less than one.
+    `holds`, of the grid's shape: for how many holds to follow each cell; None for less than one.
     """
     cells = int(np.prod(grid.shape))
     for block in cut_block(grid.all_cells, max(BLOCKS, cells // BLOCK) if cells > SMALL else 1):

@@ -24,7 +24,13 @@ from soter.certificate.cell_sets import (
     cells_unshown,
     holds_in_parts,
 )
-from soter.certificate.grid.sc_chains import EVERY, Window, phase_steps, sc_chain, windows_of_runs
+from soter.certificate.grid.sc_chains import (
+    EVERY,
+    Window,
+    free_phase_steps,
+    sc_chain,
+    windows_of_runs,
+)
 from soter.certificate.terms.compile_terms import form_of_box
 from soter.certificate.terms.linear_enclosures import HALF, larger, lower, smaller, upper
 
@@ -61,9 +67,9 @@ RESTS = 255
 
 @dataclass(eq=False)
 class GroupTables(Axes):
-    """The sets of one group as the certificate has them (letters: `certificate/__init__.py`).
+    """The sets of a group in the certificate (`certificate/__init__.py` explains the letters).
 
-    Each table is shaped as the grid, those of the way back as `finer` where that is there.
+    Each table is shaped as the grid; the tables of the way back are shaped as `finer` if present.
     """
 
     core: NDArray[np.uint8]
@@ -96,17 +102,17 @@ class GroupTables(Axes):
 
 @dataclass(frozen=True)
 class _TargetCells:
-    """Cells in which runs from a box, and runs from beyond the ends of axes, are to be."""
+    """The cells that runs from a box, and from beyond the axes' ends, must reach."""
 
     cells: Cells
     start: list[tuple[arb, arb]]
 
     def contains_all(self, boxes: Sequence[float]) -> bool:
-        """Whether all boxes lie in the set, and so do runs from beyond the ends."""
+        """Whether all boxes, and runs from beyond the axes' ends, lie in the set."""
         return self.cells.contains_all(boxes) and self.holds_beyond(boxes)
 
     def holds_beyond(self, boxes: Sequence[float]) -> bool:
-        """Whether these boxes hold of runs from beyond the ends of axes, too."""
+        """Whether these boxes also enclose runs from beyond the axes' ends."""
         return self.cells.grid.holds_beyond_ends(self.start, boxes)
 
 
@@ -118,14 +124,14 @@ class ChainCheck:
         self._chains: dict[tuple[int, Window], Chain] = {}
 
     def compiled_chain(self, pieces: int, window: Window = EVERY) -> Chain:
-        """The chain of a window, compiled when it is first needed."""
+        """The chain of a window, compiled on first use."""
         key = pieces, window
         if key not in self._chains:
             self._chains[key] = sc_chain(self.model, self.group.states, pieces, window)
         return self._chains[key]
 
     def _window_splits(self) -> list[tuple[Window, ...]]:
-        """Ways to split all runs into windows, to be tried in turn: the first has one window."""
+        """Lists ways to split all runs into windows, in the order to try; the first is unsplit."""
         parts = windows_of_runs(self.model, self.group.states, WINDOWS)
         aged = windows_of_runs(self.model, self.group.states, WINDOWS, by_age=True)
         return list(dict.fromkeys([(EVERY,), parts, aged]))
@@ -155,11 +161,11 @@ class ChainCheck:
         cuts: int = 0,
         window: Window = EVERY,
     ) -> Iterator[tuple[int, list[tuple[float, ...]]]]:
-        """Gives (N, boxes of all states after N holds) for each wanted N, while all is within.
+        """Yields (N, boxes of all states after N holds) for each wanted N, while all is within.
 
-        An N is left out if the boxes are not certainly within until N delta + j. `cuts`: how often
-        sets are halved on the way, along what errors and disturbances made of them. `window`: which
-        runs are followed.
+        N is left out if the boxes may leave `within` before N delta + j. `cuts`: how often sets are
+        halved on the way, along the effect of errors and disturbances. `window`: which runs are
+        followed.
         """
         chain, set_ = self.compiled_chain(pieces, window), _TargetCells(within, box)
         forms, step, last = [form_of_box(box, symbols=True)], chain.first, max(wanted, default=0)
@@ -182,7 +188,7 @@ class ChainCheck:
     def _boxes_at_switch(
         self, chain: Chain, form: tuple[arb, ...], within: _TargetCells
     ) -> list[tuple[float, ...]] | None:
-        """The boxes of all states while the last command may still act; None: not all within."""
+        """The boxes of all states while the last command may act; None if one leaves `within`."""
         n = len(self.group.states)
         if chain.last is None:
             end = _box_of_states(form, n)
@@ -200,10 +206,10 @@ class ChainCheck:
         within: Cells,
         target: Callable[[Sequence[float]], bool],
     ) -> bool:
-        """Whether `leads_to` holds with finer tubes, on parts of the box and of sets on the way.
+        """Whether `leads_to` holds with finer tubes, for parts of the box and of later sets.
 
-        If not, each of several windows is tried by itself. Where the manifest says that reads are
-        older than any there are, all that follows is about the reads that there are.
+        If not, it tries each of several windows separately. If the manifest claims older reads than
+        the program has, everything after this uses the program's reads.
         """
         facts = self.model.facts
 
@@ -223,7 +229,7 @@ class ChainCheck:
         return False
 
     def _halves_of_form(self, form: tuple[arb, ...]) -> list[tuple[arb, ...]]:
-        """The halves of a form: the beta of the state whose rest is widest, in cells, is halved."""
+        """The halves of a form, cut at the beta of the state whose rest is widest in cells."""
         n = len(self.group.states)
         widths = [(e[-1] - e[0]) / (len(e) - 1) for e in self.group.grid.edges]
         count = count_states(len(form), n)
@@ -245,7 +251,7 @@ def count_states(length: int, n: int) -> int:
 
 
 def half_of_form(form: tuple[arb, ...], n: int, axis: int, side: arb) -> tuple[arb, ...]:
-    """The part of a form in which the beta of one state lies on one side of 0.
+    """The part of a form in which the beta of a state lies on one side of 0.
 
     beta = side + beta'/2, side = 1/2 or -1/2: centres move by side times their coefficient of beta.
     """
@@ -283,7 +289,9 @@ def cells_not_led(
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         due = witnesses[block_index(at)]
         shown = np.zeros_like(wanted)
-        for holds, ends in check.follow(grid.box_of(at), holds_of(due, wanted), within, PIECES[0]):
+        for holds, ends in check.follow(
+            grid.box_of(at), distinct_holds(due, wanted), within, PIECES[0]
+        ):
             if all(target.contains(end) for end in ends):
                 shown |= wanted & (due == holds)
         return shown
@@ -296,13 +304,13 @@ def cells_not_led(
     return (cell for cell in waiting if not leads_to(cell))
 
 
-def holds_of(witnesses: NDArray[np.uint8], wanted: NDArray[np.bool_]) -> list[int]:
-    """The numbers of holds of the cells that are wanted, rising; both arrays of one shape."""
+def distinct_holds(witnesses: NDArray[np.uint8], wanted: NDArray[np.bool_]) -> list[int]:
+    """The hold counts of the wanted cells, in rising order; both arrays have the same shape."""
     return [int(n) for n in np.unique(witnesses[wanted]) if n > 0]
 
 
 def cells_not_nearer(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
-    """The cells of W from which SC does not certainly lead to cells of lower rank."""
+    """Yields the cells of W from which SC may not lead to cells of lower rank."""
     group = check.group
     assert group.rank is not None
     assert group.rank_holds is not None
@@ -325,7 +333,7 @@ def cells_not_nearer(check: ChainCheck, home: Cells, block: Block) -> Iterator[B
         due, ranks = every_holds[block_index(at)], order[block_index(at)]
         shown = np.zeros_like(wanted)
         for holds, ends in check.follow(
-            grid.box_of(at), holds_of(due, wanted), everywhere, PIECES[0]
+            grid.box_of(at), distinct_holds(due, wanted), everywhere, PIECES[0]
         ):
             top = max(highest_rank(end) for end in ends)
             shown |= wanted & (due == holds) & (ranks > top)
@@ -345,20 +353,22 @@ def cells_not_nearer(check: ChainCheck, home: Cells, block: Block) -> Iterator[B
 
 
 class FreeCheck:
-    """Asks whether runs from boxes stay in a set for some time, whatever is commanded."""
+    """Checks whether runs from boxes stay in a set for some time, under any commands."""
 
     def __init__(self, model: CaseModel, group: GroupTables, time_ns: int) -> None:
         self.model, self.group, self.time_ns = model, group, time_ns
         self._phases: dict[int, tuple[Step, ...]] = {}
 
     def compiled_steps(self, pieces: int) -> tuple[Step, ...]:
-        """The steps of the free phase, compiled when they are first needed."""
+        """The steps of the free phase, compiled on first use."""
         if pieces not in self._phases:
-            self._phases[pieces] = phase_steps(self.model, self.group.states, self.time_ns, pieces)
+            self._phases[pieces] = free_phase_steps(
+                self.model, self.group.states, self.time_ns, pieces
+            )
         return self._phases[pieces]
 
     def stays_in(self, box: list[tuple[arb, arb]], within: Cells, pieces: int) -> bool:
-        """Whether all runs from a box are in `within` at every time in [0, time]."""
+        """Whether all runs from a box stay in `within` during [0, time]."""
         maps = self.model.facts.kind == "map"
         form = form_of_box(box, symbols=True)
         start = _box_of_states(form, len(self.group.states))
@@ -374,7 +384,7 @@ class FreeCheck:
         return True
 
     def stays_in_parts(self, box: list[tuple[arb, arb]], within: Cells, splits: int) -> bool:
-        """Whether `stays_in` holds; if need be with finer tubes, of parts halved `splits` times."""
+        """Whether `stays_in` holds, possibly with finer tubes on parts halved `splits` times."""
         if self.stays_in(box, within, FREE_PIECES[0]):
             return True
         tried = (partial(self.stays_in, within=within, pieces=n) for n in FREE_PIECES[1:])
@@ -384,7 +394,7 @@ class FreeCheck:
 def cells_driven_out(
     check: FreeCheck, claimed: NDArray[np.bool_], within: Cells, block: Block
 ) -> Iterator[Block]:
-    """Cells of `claimed` (shaped as the grid) that some command may drive out of `within`."""
+    """Yields cells of `claimed` (shaped as the grid) that a command may drive out of `within`."""
     grid = check.group.grid
 
     def attempt(at: Block) -> bool:

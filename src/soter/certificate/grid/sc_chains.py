@@ -1,10 +1,10 @@
 """Chains of SC's periods and free phases of one group, and ends of a grid that no run crosses.
 
 Purpose: `sc_chain` makes a `Chain`, functions that enclose where SC leads a cell, period by period,
-with delays, jitter, errors and disturbances in it; `phase_steps` encloses where any command leads
-it (docs/verification.md, section 3). `uncrossed_ends` finds the ends of axes that no run crosses,
-whatever is commanded; `is_grid_never_left` asks whether no run leaves the grid of a group that no
-command moves.
+with delays, jitter, errors and disturbances in it; `free_phase_steps` encloses where any command
+leads it (docs/verification.md, section 3). `uncrossed_ends` finds the ends of axes that no run
+crosses, whatever is commanded; `is_grid_never_left` asks whether no run leaves the grid of a group
+that no command moves.
 Non-goals: steps of flows (`flow_chains.py`), of maps (`extras/maps.py`); which cells, and whether
 what comes out lies in a set (`group_claims.py`); ends that only SC keeps: chains show those.
 
@@ -71,21 +71,21 @@ NANOSECOND = Fraction(1, 10**9)
 
 
 def is_grid_never_left(model: CaseModel, states: Sequence[int]) -> bool:
-    """Whether no run leaves the grid of a group that no command moves; False where uncertain."""
+    """Whether surely no run leaves the grid of a group, which no command may move."""
     if model.facts.kind != "flow" or LocalFlow(model, states).moves:
         return False
     return all(low and high for low, high in uncrossed_ends(model, states))
 
 
 def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
-    """For each state whether no run crosses the lower and the upper end of its axis.
+    """For each state, whether no run crosses the lower and the upper end of its axis.
 
-    False where this is uncertain, and, as solutions may branch, wherever K has cells at rest. An
-    open end is taken not to be crossed.
+    It is False if uncertain and, as solutions may branch, whenever K has cells at rest. An open end
+    counts as not crossed.
     """
     if model.facts.kind != "flow" or model.facts.at_rest:
         return [(False, False)] * len(members)
-    inwards = _side_test(model, members)
+    inwards = _inward_test(model, members)
     ends = []
     for i in range(len(members)):
         sides = [[model.extents[k] for k in members] for _ in range(2)]
@@ -99,8 +99,8 @@ def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
     return ends
 
 
-def _side_test(model: CaseModel, members: Sequence[int]) -> Test:
-    """The test that runs move inwards at an end: on its side of the grid, then on a strip."""
+def _inward_test(model: CaseModel, members: Sequence[int]) -> Test:
+    """The test that runs move inwards at an end: on that side of the grid, or in a strip beyond."""
     flow = LocalFlow(model, members)
 
     def inwards(side: Side, i: int, sign: int) -> bool:
@@ -119,7 +119,7 @@ def _side_test(model: CaseModel, members: Sequence[int]) -> Test:
 
 
 def _moves_inwards(flow: LocalFlow, side: Side, i: int, sign: int, fixed: tuple[arb, arb]) -> bool:
-    """Whether state i moves up (`sign` 1) or down where it is in `fixed`, others in `side`."""
+    """Whether state i, in `fixed`, moves up (`sign` 1) or down, with other states in `side`."""
 
     def holds(others: list[tuple[arb, arb]]) -> bool:
         try:
@@ -135,10 +135,10 @@ def _moves_inwards(flow: LocalFlow, side: Side, i: int, sign: int, fixed: tuple[
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Functions from form to form: `first` leads a cell over a hold, `later` over each next one.
+    """Functions from form to form: `first` follows a cell over a hold, `later` over a next hold.
 
-    Both also give the boxes of all states on the way: low, high, low, high, ..., flat. `last`: from
-    the form before the last switch to the boxes of the switch; None: the form's box.
+    Both also give the boxes of all states on the way: low, high, low, high, ..., flat. `last` maps
+    the form before the last switch to the boxes of the switch; None means the form's box.
     """
 
     first: Step
@@ -148,10 +148,10 @@ class Chain:
 
 @dataclass(frozen=True)
 class Window:
-    """The runs with p (see the head) in the part `index` of `count` equal parts of [0, j].
+    """The runs whose p (see the head) is in part `index` of `count` equal parts of [0, j].
 
-    Of these the ones whose first sample was taken as long before a_0 as the `age`th of `ages` equal
-    parts of [0, d] says: how far any command may have led since is then known better.
+    Their first sample was taken before a_0 by a time in the `age`th of `ages` equal parts of [0,
+    d]; this limits better how far any command may have led since.
     """
 
     index: int = 0
@@ -160,7 +160,7 @@ class Window:
     ages: int = 1
 
     def early_and_late(self, jitter: Fraction) -> tuple[Fraction, Fraction]:
-        """(e, l) in s: how early, and how late, commands act relative to their nominal times."""
+        """(e, l) in s: how early and how late commands act, relative to their nominal times."""
         first = jitter * self.index / self.count
         return first + jitter / self.count, jitter - first
 
@@ -175,11 +175,11 @@ EVERY = Window()
 def windows_of_runs(
     model: CaseModel, members: Sequence[int], count: int, *, by_age: bool = False
 ) -> tuple[Window, ...]:
-    """Windows that together hold all runs: `count` of them, or one where no command acts late.
+    """Splits all runs into `count` windows, or a single window if no command acts late.
 
-    `by_age`: each is cut again into `count` parts, by the age of the first sample; this needs a
-    linear flow, and one way by which SC reads all: several ways may show several instants, and so
-    may a node that makes one topic of several, if one of these may be silent.
+    `by_age`: divides each again into `count` parts, by the age of the first sample. This needs a
+    linear flow and a single way by which SC reads everything: several ways may show several
+    instants, as may a node that combines topics, if one of them may be silent.
     """
     if model.facts.kind == "map" or model.facts.has_late_commands:
         return (EVERY,)
@@ -194,7 +194,7 @@ def windows_of_runs(
 def sc_chain(
     model: CaseModel, members: Sequence[int], pieces: int, window: Window = EVERY
 ) -> Chain:
-    """Makes the chain of a group; `pieces`: into how many times the least steps a hold is cut."""
+    """Makes the chain of a group; a hold has `pieces` times the least number of steps."""
     if model.facts.kind == "map":
         step = extras.maps.map_steps_in_period(model, members)
         return Chain(step, step, None)
@@ -212,12 +212,12 @@ def sc_chain(
     return Chain(first, later, last)
 
 
-def phase_steps(
+def free_phase_steps(
     model: CaseModel, members: Sequence[int], time_ns: int, pieces: int
 ) -> tuple[Step, ...]:
-    """Functions that lead a form over [0, time] under any commands; a map's step each instant."""
+    """Functions that follow a form over [0, time] under any commands; a map has one for a step."""
     if model.facts.kind == "map":
-        steps: tuple[Step, ...] = extras.maps.map_phase(model, members, time_ns)
+        steps: tuple[Step, ...] = extras.maps.map_steps_in_time(model, members, time_ns)
         return steps
     delta = model.facts.times["delta_ns"] * NANOSECOND
     chain = FlowChain(model, members, _flow_of_group(model, members), Times(delta))
@@ -233,7 +233,7 @@ def _flow_of_group(model: CaseModel, members: Sequence[int]) -> LocalFlow | Solv
 
 
 def _form_step(chain: FlowChain, image: Callable[[tuple[Any, ...]], Image], length: int) -> Step:
-    """Makes a function of forms of this length, compiled where the flow is solved once for all."""
+    """Makes a function of forms of this length; compiles it if the flow is solved only once."""
     if isinstance(chain.flow, LocalFlow):
         return partial(_image_of_balls, image)
     make = Builder()

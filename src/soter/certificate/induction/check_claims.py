@@ -63,7 +63,7 @@ RELEASES_MAX = 50_000
 def recheck_induction(
     flat: System, entry: dict[str, Any]
 ) -> tuple[InductionFacts, RecheckedModule]:
-    """Checks one module's entry; RejectedError, NotRecheckedError where it is not confirmed."""
+    """Checks a module's entry; raises RejectedError or NotRecheckedError if it is not confirmed."""
     if set(entry) != set(KEYS):
         raise RejectedError("a module that is proved by induction is not as it should be")
     facts = read_induction(flat, entry["module"])
@@ -95,7 +95,7 @@ def recheck_induction(
 
 
 def read_entry(flat: System, entry: dict[str, Any]) -> None:
-    """Reads code and times as `recheck_induction` does, raises what it does, and asks no solver."""
+    """Reads code and times as `recheck_induction` does, with its errors, but asks no solver."""
     facts = read_induction(flat, entry["module"])
     k, _ = compare_entry(facts, entry["induction"])
     _require_affordable(facts, k + 1)
@@ -110,9 +110,9 @@ def _check_static_claims(facts: InductionFacts, verdicts: dict[str, str]) -> Non
 
 
 def _show_induction(facts: InductionFacts, k: int) -> int:
-    """Shows each instant of a hyperperiod from those before it, then the start of a run.
+    """Shows each instant of a hyperperiod from the instants before it, then the start of a run.
 
-    Gives how many hyperperiods of hypothesis are enough, at most k.
+    Returns how many hyperperiods of hypothesis suffice, at most k.
     """
     _require_affordable(facts, k + 1)
     times = sorted(actors_due(facts, (k + 1) * facts.hyperperiod))
@@ -125,7 +125,7 @@ def _show_induction(facts: InductionFacts, k: int) -> int:
 
 
 def _require_affordable(facts: InductionFacts, turns: int) -> None:
-    """NotRecheckedError where so many hyperperiods have more than `RELEASES_MAX` releases."""
+    """Raises NotRecheckedError if so many hyperperiods have more than `RELEASES_MAX` releases."""
     longest = max(c.phase_ns + c.period_ns for c in facts.actors)
     end = turns * facts.hyperperiod + 2 * longest
     count = sum(end // c.period_ns for c in facts.actors)
@@ -136,9 +136,9 @@ def _require_affordable(facts: InductionFacts, turns: int) -> None:
 
 
 def _ns_of_hypothesis(facts: InductionFacts, at: int, times: list[int]) -> int:
-    """How long (ns) everything must have held before an instant so that it holds then, too.
+    """For how long (ns) all must have held before an instant so that all holds then, too.
 
-    Few instants are tried first, from any state: what follows from few follows from more.
+    It tries few instants first, from any state: if few suffice, then more suffice, too.
     """
     before = [0, *(b for b in times if 0 < b < at)]
     many = 1
@@ -165,7 +165,7 @@ def _ask_for_failure(
 
 
 def _ask_solver(facts: InductionFacts, solver: z3.Solver, work: int) -> z3.CheckSatResult:
-    """Asks the solver, with at most `work`; all queries together have `WORK_OF_ALL`."""
+    """Asks the solver, with a limit of `work`; all queries together may use `WORK_OF_ALL`."""
     if facts.work >= WORK_OF_ALL:
         raise NotRecheckedError("the solver needs more work than is done")
     before = _work_of_solvers(solver)
@@ -176,7 +176,7 @@ def _ask_solver(facts: InductionFacts, solver: z3.Solver, work: int) -> z3.Check
 
 
 def _work_of_solvers(solver: z3.Solver) -> int:
-    """The count of the work of all solvers since the process began, in units of the solver."""
+    """The total work of all solvers of this process, in the solver's unit."""
     count: int = dict(iter(solver.statistics())).get("rlimit count", 0)
     return count
 
@@ -199,10 +199,10 @@ def _show_return_in_time(facts: InductionFacts, turns: int, recover_ns: object) 
 
 
 def _why_vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
-    """(why no decision gives AC control, or leaves it there, why that was not checked); else "".
+    """Two texts: why no decision lets AC get or keep control, and why that was not checked.
 
-    As everything holds at every instant, each decision of a run is one of the first hyperperiods,
-    or one after k others.
+    Each text is "" if it does not apply. As everything holds at every instant, each decision of a
+    run is in the first hyperperiods or comes after k others.
     """
     if not topic_reads(facts.symbol.safe):
         return READS_NOTHING, ""

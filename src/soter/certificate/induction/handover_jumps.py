@@ -59,9 +59,9 @@ by itself, as one with `time`, an age or a mode does."""
 def why_jumps_not_shown(
     facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol
 ) -> tuple[str, str]:
-    """(the node that publishes a topic, why its jumps are not shown to be right), else "".
+    """The node that publishes a topic, and why its jumps are not shown to be right ("" if shown).
 
-    NotRecheckedError for a construct that is not understood.
+    Raises NotRecheckedError for code that this check does not understand.
     """
     if not all(isinstance(n, IN_A_MAP) for n in parts_of([link.value])):
         return "", f"the map of {link.name} reads more than plants and topics"
@@ -89,7 +89,7 @@ def why_jumps_not_shown(
 
 
 def _index_of_running_topic(facts: Facts, topic: typed.TopicSymbol) -> int:
-    """The number of the running topic that a name in the map means; -1 for none, or several."""
+    """The index of the running topic that a name in the map means; -1 unless it is unique."""
     flat_ = facts.flying
     scopes = [c.scope for c in flat_.components] + [m.scope for m in flat_.modules]
     indices = {s.topics[topic] for s in scopes if topic in s.topics}
@@ -138,7 +138,7 @@ def _topics_showing_view(facts: Facts) -> list[int]:
 
 
 def _paths_read(e: object, topic: typed.TopicSymbol, path: Path = ()) -> Iterator[Path]:
-    """The paths of a topic's parts that an expression reads; () is the path of all of it."""
+    """Yields the paths of a topic's parts that an expression reads; () is the whole topic."""
     if isinstance(e, typed.TypedField):
         yield from _paths_read(e.target, topic, (e.index, *path))
     elif isinstance(e, typed.TopicRead):
@@ -154,7 +154,7 @@ def _paths_read(e: object, topic: typed.TopicSymbol, path: Path = ()) -> Iterato
 
 @dataclass
 class _Step:
-    """The effects of a step: locals after it, topic -> (whether published, value), fault, reads."""
+    """The effects of a step: the locals after it, values published and read, and its fault."""
 
     behind: tuple[Term, ...]
     published: dict[int, tuple[Term, Term]]
@@ -171,7 +171,7 @@ class _Steps:
         self.known: list[Term] = []
 
     def why_step_fails(self, index: int, paths: Sequence[Path], shown: Sequence[int]) -> str:
-        """Why a step may change a topic where it must not; "" where no step does so."""
+        """Why a step may wrongly change a topic; "" if no step does."""
         node, topic = self.c.node, self.facts.flying.topics[index]
         assert node is not None
         anything = [unknown_value(v.type, v.name, self.known) for v in node.locals]
@@ -183,7 +183,7 @@ class _Steps:
             ("the first step", (True, default), False, self._run_step(initial)),
             ("a step", before.published.get(index), before.fault, self._run_step(before.behind)),
         ):
-            bad = self._is_wrong_step(topic, paths, shown, last, step)
+            bad = self._wrong_step_term(topic, paths, shown, last, step)
             if not self._is_unsatisfiable(and_of(negation(fault), bad)):
                 return (
                     f"{text} of {self.c.name} may change it where `enters` does not hold, or "
@@ -191,7 +191,7 @@ class _Steps:
                 )
         return ""
 
-    def _is_wrong_step(
+    def _wrong_step_term(
         self,
         topic: Topic,
         paths: Sequence[Path],
@@ -199,7 +199,7 @@ class _Steps:
         last: tuple[Term, Term] | None,
         step: _Step,
     ) -> Term:
-        """The term that a step publishes another value than the last one did, where it must not."""
+        """The term that a step publishes a changed value although it must not change."""
         if topic.index not in step.published:
             return False
         is_published, value = step.published[topic.index]
@@ -219,7 +219,7 @@ class _Steps:
         return bool(ask_solver(solver) == z3.unsat)
 
     def _visible_values(self, scope: Scope, topics: dict[int, Term], mode: Term) -> VisibleValues:
-        """The values that a step sees: one for each topic, of which nothing more is known."""
+        """The values that a step sees: a term for each topic, about which nothing more is known."""
         flying = self.facts.flying
 
         def topic(i: int) -> Term:
@@ -247,7 +247,7 @@ class _Steps:
         return _Step(behind, out, or_of(reading.operations.fault, reading.operations.doubt), read)
 
     def _enters_term(self, step: _Step) -> Term:
-        """The term that `enters` holds of what a step reads and publishes, without a fault."""
+        """The term that `enters` holds on a step's reads and publications, without a fault."""
         enters = self.whole.verify.enters
         assert enters is not None
         seen = dict(step.read)

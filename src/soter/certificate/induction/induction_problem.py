@@ -77,17 +77,17 @@ class InductionFacts:
 
     @property
     def hyperperiod(self) -> int:
-        """The hyperperiod in ns, after which all releases come again."""
+        """The hyperperiod in ns, after which the pattern of releases repeats."""
         return lcm(*(c.period_ns for c in self.actors))
 
     @property
     def settled_at(self) -> int:
-        """The first beginning of a hyperperiod, in ns, by which every actor was released once."""
+        """The start of the first hyperperiod, in ns, before which every actor was released once."""
         return -(-max(c.phase_ns for c in self.actors) // self.hyperperiod) * self.hyperperiod
 
 
 def read_induction(flat: System, name: str) -> InductionFacts:
-    """Reads a module's problem; RejectedError, NotRecheckedError where it is none, or unknown."""
+    """Reads a module's problem; raises RejectedError or NotRecheckedError if it is unsuitable."""
     matches = [m for m in flat.modules if m.name == name]
     if len(matches) != 1:
         raise RejectedError(f"system `{flat.name}` has no module `{name}`")
@@ -106,7 +106,7 @@ def read_induction(flat: System, name: str) -> InductionFacts:
 
 
 def _enter_actors(facts: InductionFacts) -> None:
-    """Makes actors of DM, AC, SC, and of nodes that can be followed and whose topics are read."""
+    """Makes actors of DM, AC, SC, and of the followable nodes whose topics are read."""
     flat, module, symbol = facts.flying, facts.flying_module, facts.symbol
     facts.actors = [flat.components[i] for i in (module.dm, module.ac, module.sc)]
     scope = module.scope.topics
@@ -135,7 +135,7 @@ def _published_topics(actors: list[Component]) -> list[int]:
 
 
 def _is_followable(c: Component) -> bool:
-    """Whether a node is Soter source and publishes one value a step; others do anything."""
+    """Whether a node is Soter source and publishes one value a step; others may do anything."""
     assert c.node is not None
     return not c.extern and not c.node.bursts and len(modes_in(c.node.step)) < 2
 
@@ -156,8 +156,8 @@ def modes_of_others(facts: InductionFacts) -> list[str]:
     return [flat.modules[i].name for i in sorted(read - {module.index})]
 
 
-def _is_a_time_undeclared(facts: InductionFacts, *groups: Iterable[str]) -> bool:
-    """Whether the program declares no lateness, or no response, of an AC or a node."""
+def _has_undeclared_time(facts: InductionFacts, *groups: Iterable[str]) -> bool:
+    """Whether the program declares no lateness or no response for some AC or node."""
     for c in facts.actors:
         names = {c.name, c.name.rpartition(".")[2], c.node.name if c.node else c.name}
         if c.role in ("ac", "node") and any(names.isdisjoint(word) for word in groups):
@@ -179,7 +179,7 @@ def _check_times(facts: InductionFacts) -> None:
         raise NotRecheckedError(f"releases that are late (`jitter`), and with them `{who}`")
     if any(c.takes_ns is not None for c in facts.actors):
         raise NotRecheckedError("steps that are late, or take time: not rechecked yet")
-    facts.undeclared |= _is_a_time_undeclared(facts, verify.late_of, verify.response_of)
+    facts.undeclared |= _has_undeclared_time(facts, verify.late_of, verify.response_of)
 
 
 # ---------------------------------------------------------------- the certificate
@@ -197,7 +197,7 @@ def _leave_out_nodes(facts: InductionFacts, followed: object) -> None:
 
 
 def compare_entry(facts: InductionFacts, induction: Any) -> tuple[int, int]:  # noqa: ANN401 - any JSON
-    """(k, hyperperiods of P2b) of an entry; RejectedError where a figure differs in the program."""
+    """(k, hyperperiods of P2b) of an entry; raises RejectedError if the program differs."""
     names = ("k", "returns", "hyperperiod_ns", "lemmas", "progress", "latching", "clocks")
     if not isinstance(induction, dict) or set(induction) != set(names):
         raise RejectedError("`induction` is not as it should be")
@@ -228,7 +228,7 @@ and "latched"; "mode"; and "faulted": whether some step did."""
 
 @dataclass(frozen=True)
 class Instant:
-    """The end of an instant: its time, what holds, and `always`: `safe` until the next instant."""
+    """An instant's end: its time, whether all holds, and whether `safe` holds until the next."""
 
     at: int
     holds: Term
@@ -249,7 +249,7 @@ class Decision:
 def actors_due(
     facts: InductionFacts, end: int, *, first: bool = False
 ) -> dict[int, list[Component]]:
-    """Time -> the actors released then, before `end` ns; with `first` none before its phase."""
+    """Maps each time before `end` ns to the actors due then; with `first`, from their phases."""
     components_by_time: dict[int, list[Component]] = {}
     for c in facts.actors:
         for at in range(c.phase_ns if first else c.phase_ns % c.period_ns, end, c.period_ns):
@@ -258,7 +258,7 @@ def actors_due(
 
 
 class TransitionSystem:
-    """Runs the instants in [begin, end), from initial values (`first`) or from any state."""
+    """Runs the instants in [begin, end), from initial values if `first`, else from any state."""
 
     def __init__(
         self, facts: InductionFacts, *, first: bool, fresh: bool = False, begin: int = 0
@@ -308,7 +308,7 @@ class TransitionSystem:
     # ------------------------------------------------------------ time
 
     def run_until(self, end: int) -> None:
-        """Runs every instant before `end` (ns), and records what holds and what the DM decides."""
+        """Runs every instant before `end` (ns); records truths and the decisions of the DM."""
         longest = max(c.period_ns + c.phase_ns for c in self.facts.actors)
         calendar = actors_due(self.facts, end + longest, first=self.first)
         times = sorted(calendar)
@@ -319,14 +319,14 @@ class TransitionSystem:
                 self._step_at_instant(at, calendar[at], following)
 
     def _record_time_before_first(self, first: int) -> None:
-        """Records the time before `first` ns as an instant, if anybody else may step in it."""
+        """Records the time before `first` ns as an instant if any other component may step then."""
         others = [c.phase_ns for c in self.facts.flying.components]
         others += [0 for _ in self.facts.flying.inputs]
         if min(others) < first:
             self._record_instant(0, first)
 
     def _step_at_instant(self, at: int, due: list[Component], following: int) -> None:
-        """Lets each component that is due make one step, in any order, and records what holds."""
+        """Lets each due component make a step, in any order, and records the truths after it."""
         raise_if_interrupted()
         turns = []
         for _ in due:
@@ -343,7 +343,7 @@ class TransitionSystem:
         self._record_instant(at, following)
 
     def _with_named_parts(self, value: Term) -> Term:
-        """The parts of a state, named by constants unless they are known: so terms stay small."""
+        """The parts of a state; constants stand for unknown parts, so that terms stay small."""
         if isinstance(value, tuple):
             return tuple(self._with_named_parts(v) for v in value)
         value = as_term(value) if isinstance(value, Elapsed) else value
@@ -416,7 +416,7 @@ class TransitionSystem:
         return after
 
     def _state_after_code(self, c: Component, at: int, on: Term) -> State:
-        """The state after a step of SC or a node, by its statements."""
+        """The state after a step of SC or a node, computed from the statements."""
         now, flying, node = self.now, self.facts.flying, c.node
         assert node is not None
         reading = SolverReading(self._visible_values(c, at, on))

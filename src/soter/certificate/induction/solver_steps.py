@@ -57,7 +57,7 @@ Term = Any
 
 
 class SolverOperations:
-    """The operators over terms of the solver; what is known of new terms goes to `facts`."""
+    """The operators over terms of the solver; adds known facts about new terms to `facts`."""
 
     negation, and_of, or_of = staticmethod(negation), staticmethod(and_of), staticmethod(or_of)
 
@@ -70,11 +70,11 @@ class SolverOperations:
         """The term that a function which is not read faults, or compares a NaN."""
 
     def add_obligation(self, truth: Term) -> None:
-        """Notes that the step faults where the code being read runs and `truth` does not hold."""
+        """Notes that the step faults if the code being read runs and `truth` is false."""
         self.fault = or_of(self.fault, and_of(self.path, negation(truth)))
 
     def add_doubt(self, doubt: Term) -> None:
-        """Notes that the step may fault where the code being read runs and `doubt` holds."""
+        """Notes that the step may fault if the code being read runs and `doubt` is true."""
         self.doubt = or_of(self.doubt, and_of(self.path, doubt))
 
     def choice_of(self, of: Type, c: Term, a: Term, b: Term) -> Term:
@@ -91,7 +91,7 @@ class SolverOperations:
         return -x
 
     def compare(self, op: str, a: Term, b: Term) -> Term:
-        """Whether `a op b` holds of two scalars."""
+        """The term that `a op b` holds for two scalars."""
         if isinstance(a, Elapsed) and isinstance(b, float):
             return age_comparison(op, a.ns, b)
         if isinstance(a, float) and isinstance(b, Elapsed):
@@ -101,7 +101,7 @@ class SolverOperations:
         return COMPARED[op](a, b)
 
     def arithmetic(self, op: str, a: Term, b: Term) -> Term:
-        """`a op b` of scalars for `+ - * / %`; NotRecheckedError for a division by an unknown."""
+        """`a op b` for `+ - * / %`; raises NotRecheckedError for a division by an unknown."""
         if is_known(a) and is_known(b):
             return INTS[op](a, b) if isinstance(a, int) else FLOATS[op](a, b)
         if is_float(a) or is_float(b):
@@ -126,7 +126,7 @@ class SolverOperations:
         return q
 
     def min_or_max(self, name: str, a: Term, b: Term) -> Term:
-        """`min` or `max` of two scalars, as `name` says."""
+        """The `min` or `max` of two scalars; `name` selects which."""
         if is_known(a) and is_known(b):
             return arithmetic.minimum(a, b) if name == "min" else arithmetic.maximum(a, b)
         if is_float(a) or is_float(b):
@@ -134,7 +134,7 @@ class SolverOperations:
         return z3.If(b < a if name == "min" else b > a, as_term(b), as_term(a))
 
     def result_of_builtin(self, name: str, x: Term) -> Term:
-        """The result of a built-in function of a scalar; NotRecheckedError for `int` of a float."""
+        """The result of a built-in function; raises NotRecheckedError for `int` of a float."""
         if is_known(x):
             return BUILTINS[name](x)
         if name == "abs" and not is_float(x):
@@ -145,7 +145,7 @@ class SolverOperations:
         return unread_result(f"built in {name}", [x], FloatType(), self.facts)
 
     def demand_between(self, x: Term, low: int, high: int) -> Term:
-        """`x`, where the step faults unless it lies between `low` and `high`."""
+        """The term `x`; the step faults unless `x` lies between `low` and `high`."""
         if is_known(x):
             return arithmetic.require_in_range(x, low, high)
         self.add_obligation(and_of(x >= low, x <= high))
@@ -185,7 +185,7 @@ def age_comparison(op: str, ns: Term, limit: float) -> Term:
 
 
 def _least_number_where(holds: Callable[[int], bool]) -> int:
-    """The smallest n from which on `holds` is true; above any age if it never is."""
+    """The smallest n from which `holds` is true onward; above any age if it never is."""
     return bisect_left(range(LARGEST), x=True, hi=LARGEST, key=holds)
 
 
@@ -194,7 +194,7 @@ Published = dict[typed.TopicSymbol, tuple[Term, Term]]
 
 @dataclass
 class VisibleValues:
-    """The values that a piece of code sees at one instant: topics, ages and the mode."""
+    """The values that a piece of code sees at an instant: topics, ages and the mode."""
 
     scope: Scope
     topic: Callable[[int], Term]
@@ -208,10 +208,10 @@ class VisibleValues:
 
 
 class SolverReading(CodeReader):
-    """Reads one step, predicate or function body into terms.
+    """Reads a step, predicate or function body into terms.
 
     `looked_at`: operands of comparisons that may be NaN, which is a fault in `ttf` and `safer`.
-    `deep`: functions that only pass on their arguments are read, however long they are.
+    `deep`: also read long functions if they only pass on their arguments.
     """
 
     def __init__(
@@ -226,7 +226,7 @@ class SolverReading(CodeReader):
         super().__init__(self.operations, sight.scope.params)
 
     def truth_and_fault(self, e: typed.TypedExpr) -> tuple[Term, Term]:
-        """The terms that a predicate holds, and that it faults; NotRecheckedError as `value_of`."""
+        """The terms that a predicate holds and that it faults; raises as `value_of` does."""
         _, value = self.run_under(True, lambda: self.evaluate(e))
         return (False if value is None else value), or_of(
             self.operations.fault, self.operations.doubt
@@ -235,9 +235,9 @@ class SolverReading(CodeReader):
     def run_step(
         self, node: typed.NodeSymbol, before: Sequence[Term], taken: Term = False
     ) -> tuple[tuple[Term, ...], Published]:
-        """(the locals after a step, topic -> (whether it is published, its value)).
+        """The locals after a step, and for each topic whether it is published and its value.
 
-        `taken`: whether control was taken over just now. NotRecheckedError as `value_of`.
+        `taken`: whether control was just taken over. NotRecheckedError as in `value_of`.
         """
         frame, facts = CallFrame(dict(zip(node.locals, before, strict=True))), self.sight.facts
         self.run_under(True, lambda: self.run_branch(taken, node.takeover or (), (), frame))
@@ -309,7 +309,7 @@ class SolverReading(CodeReader):
     def replace_part(self, of: Type, whole: Term, keys: Sequence[Term], new: Term) -> Term:
         """The value with the part at these indices replaced; an index out of range is a fault.
 
-        NotRecheckedError for a part of an array that is one term.
+        Raises NotRecheckedError for a part of an array that is a single term.
         """
         if keys and part_types(of) is None:
             raise NotRecheckedError("an assignment at an index of what is not told apart")
@@ -331,7 +331,7 @@ class SolverReading(CodeReader):
     def result_of_call(self, fun: typed.FunSymbol, arguments: Sequence[Term]) -> Term:
         """The result of a call; an unread function gives equal results for equal arguments.
 
-        NotRecheckedError where it calls extern functions, of which that is not so.
+        Raises NotRecheckedError if it calls extern functions, whose results may differ.
         """
         if calls_extern(fun):
             raise NotRecheckedError(f"`{fun.name}` is an extern function, or asks one")

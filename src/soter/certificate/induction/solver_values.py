@@ -55,14 +55,14 @@ ELEMENTS_MAX = 64
 
 
 def is_discrete(t: Type) -> bool:
-    """Whether values of a type are truths, whole numbers, members or durations: all exact."""
+    """Whether a type has only exact values: truths, whole numbers, members or durations."""
     return isinstance(t, (BoolType, IntType, EnumType, DurationType))
 
 
 def part_types(t: Type) -> tuple[Type, ...] | None:
-    """The types of the parts of a record or a small array, whose values are told apart.
+    """The types of the parts of a record or small array, whose parts have separate terms.
 
-    None for a type whose values are one term each: numbers, and arrays with unknown elements.
+    None for a type whose values are single terms: numbers, and arrays with unknown elements.
     """
     if isinstance(t, RecordType):
         return tuple(f for _, f in t.fields)
@@ -79,22 +79,22 @@ def is_exact(t: Type) -> bool:
 
 @lru_cache(maxsize=1_000)
 def reads_body(fun: typed.FunSymbol, *, deep: bool) -> bool:
-    """Whether a function's body is read at every call; else only where all arguments are known.
+    """Whether a function's body is read at every call; if not, only when all arguments are known.
 
     A body is read if it is exact, or if it is short and only combines results of other calls.
-    `deep`, where two readings are compared: also a single expression that calls other functions on
-    computed arguments, however long it is.
+    `deep`, for comparing two readings: also if it is a single expression of any length that calls
+    other functions on computed arguments.
     """
     parts = list(parts_of(fun.body or ()))
     types = [n.type for n in parts if isinstance(n, typed.TypedExpr)]
     if all(is_exact(t) for t in (*types, fun.result, *(p.type for p in fun.parameters))):
         return True
     asks = deep and [type(s) for s in fun.body or ()] == [typed.TypedReturn]
-    return (asks or len(parts) <= SHORT) and all(_makes_no_float(n, asks=asks) for n in parts)
+    return (asks or len(parts) <= SHORT) and all(_is_free_of_floats(n, asks=asks) for n in parts)
 
 
-def _makes_no_float(n: object, *, asks: bool) -> bool:
-    """Whether a piece of code makes no float or list; `asks`: it may add and multiply floats."""
+def _is_free_of_floats(n: object, *, asks: bool) -> bool:
+    """Whether code makes no float or list; `asks`: it may still add and multiply floats."""
     if isinstance(n, typed.TypedBinary):
         operand, on = n.left.type, isinstance(n.type, BoolType) or (asks and n.op != "/")
         return is_discrete(operand) or (isinstance(operand, FloatType) and on)
@@ -109,7 +109,7 @@ def _makes_no_float(n: object, *, asks: bool) -> bool:
 
 @lru_cache(maxsize=1_000)
 def calls_extern(fun: typed.FunSymbol) -> bool:
-    """Whether a call may end in an extern function, which may give another value each time."""
+    """Whether a call may reach an extern function, which may give another value each time."""
     seen, todo = {fun}, [fun]
     for f in todo:
         below = [n.fun for n in parts_of(f.body or ()) if isinstance(n, typed.TypedCall)]
@@ -133,7 +133,7 @@ class Elapsed:
 
 
 def and_of(*truths: Term) -> Term:
-    """The truth that all truths hold."""
+    """The term that all truths hold."""
     left = [x for x in truths if x is not True]
     if any(x is False for x in left):
         return False
@@ -141,7 +141,7 @@ def and_of(*truths: Term) -> Term:
 
 
 def or_of(*truths: Term) -> Term:
-    """The truth that one of the truths holds."""
+    """The term that at least one of the truths holds."""
     left = [x for x in truths if x is not False]
     if any(x is True for x in left):
         return True
@@ -149,7 +149,7 @@ def or_of(*truths: Term) -> Term:
 
 
 def negation(a: Term) -> Term:
-    """The truth "not `a`"."""
+    """The term "not `a`"."""
     return (not a) if isinstance(a, bool) else z3.Not(a)
 
 
@@ -157,7 +157,7 @@ def negation(a: Term) -> Term:
 
 
 def unknown_value(t: Type, name: str, facts: list[Term]) -> Term:
-    """Any value of a type; the range of the type is entered into `facts`."""
+    """Any value of a type; adds the range of the type to `facts`."""
     parts = part_types(t)
     if parts is not None:
         return tuple(unknown_value(p, f"{name}.{k}", facts) for k, p in enumerate(parts))
@@ -183,7 +183,7 @@ def integer_range(t: Type) -> tuple[int, int]:
 
 
 def value_as_terms(t: Type, value: Term, facts: list[Term]) -> Term:
-    """A value as terms, one for each part that has no parts; `facts` get what its elements are."""
+    """A value as terms, one for each leaf; adds equations for its elements to `facts`."""
     parts = part_types(t)
     if parts is not None:
         return tuple(value_as_terms(p, v, facts) for p, v in zip(parts, value, strict=True))
@@ -219,7 +219,7 @@ def as_term(value: Term) -> Term:
 
 
 def choose(c: Term, a: Term, b: Term) -> Term:
-    """The term `c ? a : b`, of values of one shape."""
+    """The term `c ? a : b` for two values of the same shape."""
     if isinstance(c, bool):
         return a if c else b
     if isinstance(a, tuple):
@@ -232,7 +232,7 @@ def choose(c: Term, a: Term, b: Term) -> Term:
 
 
 def within_bounds(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
-    """The term that a value may be published on a topic: it lies within its bounds and its type."""
+    """The term that a value may be published on a topic, as it is in its bounds and type."""
     parts = part_types(t)
     if parts is not None:
         conditions, at = [], 0
@@ -259,7 +259,7 @@ def within_bounds(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
 
 
 def unread_result(name: str, values: Sequence[Term], t: Type, facts: list[Term]) -> Term:
-    """A function's unknown result, the same for the same `values`; `facts` get its type's range."""
+    """A function's unknown result, equal for equal `values`; adds its type's range to `facts`."""
     parts = part_types(t)
     if parts is not None:
         return tuple(unread_result(f"{name}.{k}", values, p, facts) for k, p in enumerate(parts))
@@ -271,7 +271,7 @@ def unread_result(name: str, values: Sequence[Term], t: Type, facts: list[Term])
 
 
 def element_count(sequence: Term, t: Type, facts: list[Term]) -> Term:
-    """The number of elements of a list or an array; `facts` get its bounds."""
+    """The number of elements of a list or array; adds the bounds of this number to `facts`."""
     if isinstance(t, ArrayType):
         return t.size
     assert isinstance(t, ListType)

@@ -53,14 +53,14 @@ FARTHEST = exact(2.0**1000)
 
 @dataclass(eq=False)
 class CaseModel:
-    """Makes the terms of one case. `extents`: each state's grid; terms hold on thrice its width."""
+    """Makes the terms of a case. `extents`: each state's grid; terms hold on thrice its width."""
 
     facts: Facts
     parameter: tuple[int, ...]
     extents: tuple[tuple[float, float], ...]
 
     def new_terms(self, farthest: arb | None = None) -> tuple[Terms, list[Linear]]:
-        """Fresh terms, and the states in them; states on axes without ends reach to `farthest`."""
+        """New terms, and the states in them; states on axes without ends reach to `farthest`."""
         terms = Terms()
         states = []
         for i, (s, (low, high)) in enumerate(zip(self.facts.states, self.extents, strict=True)):
@@ -78,7 +78,7 @@ class CaseModel:
     def _state_values(
         self, terms: Terms, c: Component, values: Sequence[Linear]
     ) -> dict[typed.Variable, Any]:
-        """The values of a plant's states: terms or parameters; those left out may be any number."""
+        """The values of a plant's states: terms, parameters, or any number if left out."""
         assert c.plant is not None
         known: dict[tuple[int, str, int], Any] = {
             (s.owner, s.variable, s.leaf): x for s, x in zip(self.facts.states, values, strict=True)
@@ -110,10 +110,10 @@ class CaseModel:
     def topic_terms(
         self, terms: Terms, states: Sequence[Linear], *, errors: bool
     ) -> dict[int, Any]:
-        """Topic -> its value in these states; with `errors`, the errors of sensors are added.
+        """The value of each topic in these states; with `errors`, sensor errors are added.
 
         Topics of others have any value of their sets. A topic that a plant copies from a command is
-        missing; NotRecheckedError for one that a plant makes of a command otherwise.
+        missing; raises NotRecheckedError if a plant computes it from a command in another way.
         """
         value_by_topic: dict[int, Any] = {}
         for index, (c, expr) in driven_topics(self.facts).items():
@@ -140,7 +140,7 @@ class CaseModel:
         return value_by_topic
 
     def _with_errors(self, terms: Terms, index: int, value: Any) -> Any:  # noqa: ANN401
-        """A topic's value with its errors added; each sum of value and error is rounded once."""
+        """A topic's value plus its errors; each sum of value and error is rounded once."""
         parts = scalar_leaves(value)
         for e in (e for e in self.facts.errors if e.owner == index):
             x = parts[e.leaf]
@@ -152,16 +152,16 @@ class CaseModel:
     # ------------------------------------------------------------ SC and predicates
 
     def sc_commands(self, terms: Terms, states: Sequence[Linear]) -> list[Linear]:
-        """The terms of what SC publishes when it reads these states, for any locals and modes.
+        """The terms that SC publishes when it reads these states, for any locals and modes.
 
-        Their obligations: SC's step does not fault, and each command lies in its set.
-        NotRecheckedError where a step may publish no command.
+        Adds obligations: SC's step does not fault, and each command is in its set. Raises
+        NotRecheckedError if a step may publish no command.
         """
         sc = self.facts.sc
         assert sc.node is not None
         values = self.topic_terms(terms, states, errors=True)
         known = {t: values[i] for t, i in sc.scope.topics.items() if i in values}
-        with_modes = partial(step_of_sc, terms, sc, known)
+        with_modes = partial(sc_step_reader, terms, sc, known)
         if sc.node.locals or reads_mode(sc.node.step):
             published = list(
                 extras.sc_locals_and_modes.published_in_every_step(
@@ -187,10 +187,10 @@ class CaseModel:
     def published_limits(
         self, terms: Terms, states: Sequence[Linear], topic: int
     ) -> list[tuple[Linear, float, float]]:
-        """Each bounded number that a plant publishes on a topic, with its least and greatest value.
+        """The bounded numbers that a plant publishes on a topic, with least and greatest values.
 
-        The sum of value and error is rounded once, and rounding is monotone: it lies in the
-        declared set exactly where the value lies between the two numbers that are given here.
+        The sum of value and error is rounded once, which is monotone: the sum is in the declared
+        set exactly if the value is between these two.
         """
         declared = self.facts.system.topics[topic]
         parts = scalar_leaves(self.topic_terms(terms, states, errors=False)[topic])
@@ -221,26 +221,32 @@ class CaseModel:
     def rates(
         self, terms: Terms, states: Sequence[Linear], controls: Sequence[Linear]
     ) -> tuple[list[Linear], list[Linear]]:
-        """The derivative of every state as a real number, and the disturbances in them."""
-        return self._rates_or_next(terms, states, controls, self.facts.states, rounded=False)
+        """The derivatives of all states as real numbers, and the disturbances in them."""
+        return self._rates_or_next_states(terms, states, controls, self.facts.states, rounded=False)
 
     def rates_of_left_out_states(
         self, terms: Terms, states: Sequence[Linear], controls: Sequence[Linear]
     ) -> list[Linear]:
-        """The derivatives of the states that are left out, wherever these states are."""
-        return self._rates_or_next(terms, states, controls, self.facts.left_out, rounded=False)[0]
+        """The derivatives of the left-out states, for any values of these states."""
+        return self._rates_or_next_states(
+            terms, states, controls, self.facts.left_out, rounded=False
+        )[0]
 
     def next_states(
         self, terms: Terms, states: Sequence[Linear], controls: Sequence[Linear]
     ) -> list[Linear]:
         """The next value of every state of a map, as the machine computes it."""
-        return self._rates_or_next(terms, states, controls, self.facts.states, rounded=True)[0]
+        return self._rates_or_next_states(terms, states, controls, self.facts.states, rounded=True)[
+            0
+        ]
 
-    def _others_inputs(self, terms: Terms, c: Component, topic: typed.TopicSymbol) -> list[Linear]:
+    def _inputs_from_others(
+        self, terms: Terms, c: Component, topic: typed.TopicSymbol
+    ) -> list[Linear]:
         inputs = (x for x in self.facts.disturbances if x.of_others and x.owner == c.index)
         return new_input_terms(terms, (x for x in inputs if x.variable == topic.name))
 
-    def _rates_or_next(
+    def _rates_or_next_states(
         self,
         terms: Terms,
         states: Sequence[Linear],
@@ -263,7 +269,7 @@ class CaseModel:
                 variables[d.variable] = value_of_leaves(d.variable.type, parts)
             topics = self._commands_to_plant(c, controls)
             for symbol in topics_of_others(c, self.facts.module):
-                parts = self._others_inputs(terms, c, symbol)
+                parts = self._inputs_from_others(terms, c, symbol)
                 disturbances += parts
                 topics[symbol] = value_of_leaves(symbol.type, parts)
             around = Surroundings(c.scope.params, topics, seconds(c.period_ns))
@@ -300,16 +306,16 @@ class CaseModel:
         return value_by_topic
 
 
-def step_of_sc(
+def sc_step_reader(
     terms: Terms,
     sc: Component,
     known: Mapping[typed.TopicSymbol, Any],
     modes: Mapping[Any, Any],
     claimed: Ranges = MappingProxyType({}),
 ) -> Callable[[Mapping[typed.Variable, Any]], dict[int, Any]]:
-    """The function that reads a step of SC: from values of its locals to what it publishes.
+    """A function that reads a step of SC: from values of the locals to SC's publications.
 
-    `claimed`: ranges in which step and `on takeover` are to leave floats, as obligations.
+    `claimed`: ranges in which the step and `on takeover` must leave floats, as obligations.
     """
     around = Surroundings(sc.scope.params, known, seconds(sc.period_ns), modes=modes)
     reader = SymbolicReader(terms, around)
@@ -325,9 +331,9 @@ def step_of_sc(
 
 
 def command_term(terms: Terms, control: Input, published: Sequence[Mapping[int, Any]]) -> Linear:
-    """A term for the command that any of these steps publishes; its set becomes an obligation.
+    """The term for a command that any of these steps publishes; its set becomes an obligation.
 
-    NotRecheckedError where a step publishes none.
+    Raises NotRecheckedError if a step publishes no command.
     """
     alternatives = []
     for by_index in published:
@@ -348,19 +354,19 @@ def command_term(terms: Terms, control: Input, published: Sequence[Mapping[int, 
 
 
 def new_input_terms(terms: Terms, inputs: Iterable[Input]) -> list[Linear]:
-    """New terms for inputs, each of which may be anything in its range."""
+    """New terms for inputs; each input may have any value in its range."""
     return [terms.add_input("box", x.name, exact(x.low), exact(x.high)) for x in inputs]
 
 
 def new_command_terms(facts: Facts, terms: Terms) -> list[Linear]:
-    """New terms for commands that may be anything in their sets."""
+    """New terms for commands, which may have any value in their sets."""
     return new_input_terms(terms, facts.controls)
 
 
 def ends_of_other_states(
     model: CaseModel, states: Sequence[Linear], members: Sequence[int]
 ) -> dict[int, tuple[arb, arb]]:
-    """Atom -> the ends of its grid, for each state that is not in `members`."""
+    """Maps the atom of each state that is not in `members` to the ends of its grid."""
     range_by_atom = {}
     for i, x in enumerate(states):
         if i not in members:

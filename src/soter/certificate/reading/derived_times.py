@@ -47,11 +47,11 @@ class Clock:
         return self.late + self.response
 
     def next_release(self, time: int) -> int:
-        """The first release at or after a time; no release precedes the one at `phase`."""
+        """The first release at or after a time; the release at `phase` is the first of all."""
         return max(self.phase, time + (self.phase - time) % self.period)
 
     def last_release(self, time: int) -> int:
-        """The last release at or before a time, as if there were releases before `phase`."""
+        """The last release at or before a time, as if releases before `phase` existed."""
         return time - (time - self.phase) % self.period
 
     def times_at_phase(self, start: int, end: int, phase: int) -> range:
@@ -65,13 +65,13 @@ NOW = Clock("now", 1)
 
 @dataclass(frozen=True)
 class TopicPath:
-    """The way of a topic from a sensor straight to the module; `node_paths.py` has longer ones."""
+    """The way of a topic directly from a sensor to the module; `node_paths.py` has longer ways."""
 
     sensor: Clock
 
     @property
     def clocks(self) -> tuple[Clock, ...]:
-        """The sensor, and the nodes that follow."""
+        """The clocks of the sensor and of any nodes after it."""
         return (self.sensor,)
 
     def oldest_stamp(self, time: int) -> int:
@@ -91,16 +91,16 @@ class TopicPath:
         yield end
 
     def longest_lag(self, silent: int) -> int:
-        """The longest time from a state to its publication; `silent`: how long sensors may be."""
+        """The longest time from a state to its publication, if sensors are silent for `silent`."""
         del silent  # it publishes nothing, and its stamp gets older
         return 0
 
     def certain_since(self, silent: int = 0) -> int:
-        """The time from which a read certainly shows a state; `silent`: how long sensors may be."""
+        """The time from which a read surely shows a state, if sensors are silent for `silent`."""
         return self.sensor.phase + silent
 
     def may_publish_nothing(self, silent: int = 0) -> bool:
-        """Whether a fresh publication may show only what a node makes of a default."""
+        """Whether a new publication may show only a value that a node computes from a default."""
         del silent
         return False
 
@@ -114,22 +114,22 @@ class Effect:
 
     @property
     def clocks(self) -> tuple[Clock, ...]:
-        """The nodes on the way from the output to a plant."""
+        """The clocks of the nodes between the output and a plant."""
         return ()
 
     def earliest_action(self, published: int) -> int:
-        """The earliest time at which an output that is published at this time may act."""
+        """The earliest time at which an output published at `published` may act."""
         return published + self.least
 
     def latest_action(self, published: int, *, at_once: bool) -> int:
-        """The latest time at which it may act; `at_once`: a node starting then already sees it."""
+        """The latest time at which the output may act; `at_once`: nodes starting then see it."""
         del at_once
         return published + self.most
 
 
 @dataclass(frozen=True)
 class TopicReading:
-    """A topic that DM or SC reads: all ways from sensors to it, and its `max_age`."""
+    """A topic that DM or SC reads, with all ways from sensors to the topic and its `max_age`."""
 
     name: str
     paths: tuple[TopicPath, ...]
@@ -138,7 +138,7 @@ class TopicReading:
 
 @dataclass(frozen=True)
 class TimingSetting:
-    """The facts on which a module's times depend; `silent`: the drop-out that is allowed for."""
+    """The facts that a module's times depend on; `silent` is the longest allowed drop-out."""
 
     dm: Clock
     sc: Clock
@@ -160,56 +160,56 @@ class TimingSetting:
     # ------------------------------------------------------------ SC
 
     def latest_start(self, release: int) -> int:
-        """The latest start of SC at a release: late, or waiting for each DM that is due by then.
+        """The latest start of SC at a release: after its lateness and after each DM due by then.
 
-        Verdicts of earlier DMs are in force before the next one is due.
+        Verdicts of earlier DMs are in force before the next DM is due.
         """
         due = self.dm.last_release(release)
         waited = due + self.dm.max_delay if due >= self.dm.phase else release
         return max(release + self.sc.late, waited)
 
     def latest_action(self, release: int) -> int:
-        """The latest instant at which all components of the output of this release act."""
+        """The latest time at which all components act on the output of this release."""
         return self.latest_effect(release, self.latest_start(release))
 
     def latest_effect(self, release: int, start: int) -> int:
-        """The latest instant at which the output of a step acts that starts at `start`.
+        """The latest time at which the output of a step acts, if the step starts at `start`.
 
-        In the instant of its release SC comes before other nodes. A late SC may come after them: a
-        step in the instant in which it publishes may miss that.
+        At the instant of its release SC comes before other nodes. A late SC may come after them: a
+        node that steps at the instant of publication may miss the output.
         """
         published = start + self.sc.response
         return max(e.latest_action(published, at_once=published == release) for e in self.effects)
 
     def settled_releases(self) -> Iterator[int]:
-        """The releases of SC in a hyperperiod after everything has started."""
+        """Yields the releases of SC in a hyperperiod, after all components have started."""
         return releases_in_hyperperiod(self.sc, self.periods, after=self.settled_at)
 
     @cached_property
     def clocks(self) -> list[Clock]:
-        """The clocks on which the times depend, each as often as it lies on a way."""
+        """The clocks that the times depend on; each is listed once for every way that it is on."""
         ways: list[TopicPath | Effect] = [*self.effects]
         ways += [path for read in (*self.by_sc, *self.by_dm) for path in read.paths]
         return [self.dm, self.sc, *(c for way in ways for c in way.clocks)]
 
     @cached_property
     def settled_at(self) -> int:
-        """A time from which on every release has its neighbours on both sides."""
+        """A time after which every release has a neighbour before and after it."""
         return sum(c.phase + 2 * c.period + c.max_delay for c in self.clocks)
 
     def release_with_state(self, after: int, reads: Sequence[TopicReading]) -> int:
-        """SC's first release, not before `after`, at which these reads certainly show a state."""
+        """SC's first release, at or after `after`, at which these reads surely show a state."""
         known = [p.certain_since(self.silent) for r in reads for p in r.paths]
         return self.sc.next_release(max([after, *known]))
 
 
 @dataclass(frozen=True, kw_only=True)
 class DerivedTimes:
-    """The times A, A_sc, d, j, H*, h_0 (docs/proof.md) in ns: each the greatest of all schedules.
+    """The times A, A_sc, d, j, H*, h_0 (docs/proof.md) in ns, the greatest over all schedules.
 
-    `start`: h_0 with drop-outs, and with each "AC" that is said on a default; `stamps`: the
-    greatest age of a stamp that SC reads, by topic; `in_force`: the greatest age of the state
-    behind a command that still acts.
+    `start`: h_0 with drop-outs, and with every "AC" based on a default; `stamps`: the greatest age
+    of a stamp that SC reads, by topic; `in_force`: the greatest age of the state behind a command
+    that still acts.
     """
 
     age: int
@@ -224,7 +224,7 @@ class DerivedTimes:
 
 
 def releases_in_hyperperiod(of: Clock, periods: Sequence[int], after: int = 0) -> Iterator[int]:
-    """The releases of a clock in one hyperperiod; NotRecheckedError beyond `RELEASES_MAX`."""
+    """Yields a clock's releases in a hyperperiod; raises NotRecheckedError if too many."""
     count = lcm(of.period, *periods) // of.period
     if count > RELEASES_MAX:
         raise NotRecheckedError(f"`{of.name}` meets the others in a new way for {count:,} releases")
@@ -233,7 +233,7 @@ def releases_in_hyperperiod(of: Clock, periods: Sequence[int], after: int = 0) -
 
 
 def derive_times(setting: TimingSetting) -> DerivedTimes:
-    """Derives all times; `NotRecheckedError` where the definitions do not apply."""
+    """Derives all times. Raises NotRecheckedError if their definitions do not apply."""
     check_runs_do_not_overlap(setting)
     age = age_sc = delay = jitter = 0
     stamps: dict[str, int] = {}
@@ -258,7 +258,7 @@ def derive_times(setting: TimingSetting) -> DerivedTimes:
 
 
 def check_runs_do_not_overlap(setting: TimingSetting) -> None:
-    """NotRecheckedError where a run of a node may overlap or overtake another one of it."""
+    """Raises NotRecheckedError if runs of the same node may overlap or overtake each other."""
     for c in sorted(setting.clocks, key=lambda c: c.name):
         if c.max_delay > c.period:
             raise NotRecheckedError(f"a run of `{c.name}` may not be over when the next one is due")
@@ -270,18 +270,18 @@ def check_runs_do_not_overlap(setting: TimingSetting) -> None:
 
 
 def _greatest_age_for_ac(setting: TimingSetting, read: TopicReading) -> int:
-    """The greatest age of a state on which the DM may still say "AC".
+    """The greatest age of a state on which the DM may still decide "AC".
 
-    The stamp is no older than `max_age`, which is enforced; a state is older than its stamp by what
-    its path takes, and by what a silent sensor adds to it.
+    The stamp is at most `max_age` old, which is enforced. A state is older than its stamp by the
+    time that its path takes, and by what a silent sensor adds.
     """
     return read.max_age + max(path.longest_lag(setting.silent) for path in read.paths)
 
 
 def _greatest_ages_of_sc_reads(setting: TimingSetting) -> tuple[int, int, dict[str, int]]:
-    """Greatest age of a state that SC reads, its age when the command for it acts, ages of stamps.
+    """The greatest age of states that SC reads, their age when commands act, and ages of stamps.
 
-    Ages of states count drop-outs; those of stamps, by topic, do not.
+    Ages of states count drop-outs; ages of stamps, which are by topic, do not.
     """
     age, delay, stamps = 0, 0, dict.fromkeys((r.name for r in setting.by_sc), 0)
     for t in setting.settled_releases():
@@ -298,8 +298,8 @@ def _greatest_ages_of_sc_reads(setting: TimingSetting) -> tuple[int, int, dict[s
 def _greatest_age_in_force(setting: TimingSetting) -> int:
     """The greatest age of a state behind a command of SC when the next command replaces it.
 
-    Effects come in order: what was published for one release is gone for good when what was
-    published for the next one acts in every component.
+    Effects come in order: what SC published at a release no longer acts once the output of the next
+    release acts in every component.
     """
     worst = 0
     for t in setting.settled_releases():
@@ -312,18 +312,18 @@ def _greatest_age_in_force(setting: TimingSetting) -> int:
 
 
 def _action_window_ns(setting: TimingSetting) -> int:
-    """The length of the window, from the same time after each release, in which outputs act."""
+    """The length of the window in which outputs act; it is at the same place after each release."""
     steady = list(setting.settled_releases())
     early = min(e.earliest_action(t) - t for e in setting.effects for t in steady)
     return max(setting.latest_action(t) - t for t in steady) - early
 
 
 def _longest_handover_ns(setting: TimingSetting) -> int:
-    """The longest time from the release of a DM's last "AC" to the first output of SC that acts.
+    """The longest time from the release of a DM's last "AC" to the first effective output of SC.
 
-    What SC publishes before the next verdict is in force is dropped. The first output that
-    certainly passes is that of SC's first release at or after the next DM's, as that step waits for
-    the verdict. SC reads a state where the DM has read the same topic.
+    Output of SC is dropped until the next verdict is in force. The first output that surely passes
+    is that of SC's first release at or after the next DM's release, as that step waits for the
+    verdict. SC reads a state if the DM has read the same topic.
     """
     known = {r.name for r in setting.by_dm}
     others = [r for r in setting.by_sc if r.name not in known]
@@ -340,10 +340,10 @@ def _longest_handover_ns(setting: TimingSetting) -> int:
 
 
 def _ns_until_outputs_last(setting: TimingSetting) -> int:
-    """The time from which outputs of SC act for good, with drop-outs and "AC" said on defaults.
+    """The time after which outputs of SC act for good, despite drop-outs and "AC" on defaults.
 
-    A node that has read nothing publishes what it makes of a default, with a fresh stamp: the DM
-    may say "AC" on it. Its last release that may see this is followed by one that does not.
+    A node that has read nothing publishes what it computes from a default, with a new stamp: the DM
+    may decide "AC" on it. After its last release that may see this, every release sees a state.
     """
     start = setting.release_with_state(0, setting.by_sc)
     for path in (path for read in setting.by_dm for path in read.paths):
@@ -366,7 +366,7 @@ class Ways:
     """Nodes on them whose times are not declared."""
 
     def ways_to(self, index: int) -> tuple[TopicPath, ...]:
-        """All ways from sensors to a topic; `NotRecheckedError` where there is none."""
+        """All ways from sensors to a topic. Raises NotRecheckedError if it has no way."""
         paths = self._paths_to(index, ())
         if not paths:
             name = self.system.topics[index].name
@@ -374,12 +374,12 @@ class Ways:
         return tuple(dict.fromkeys(paths))
 
     def _paths_to(self, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
-        """The ways to a topic; `behind`: the nodes that were followed already, none here."""
+        """The ways to a topic; `behind` lists the nodes that were already followed, none here."""
         del behind
         return [path_of_plant(c) for c in self.system.components if index in c.writes]
 
     def find_effects(self, least: int, most: int) -> tuple[Effect, ...]:
-        """The ways from all outputs to the plants; NotRecheckedError where an output has none."""
+        """The ways from outputs to plants; raises NotRecheckedError if an output has none."""
         felt = {i for c in self.system.components if c.plant is not None for i in c.reads}
         for index in self.module.outputs:
             if index not in felt:
@@ -394,9 +394,9 @@ def path_of_plant(c: Component) -> TopicPath:
 
 
 def has_nodes_between(system: System, module: Module, topics: Iterable[int]) -> bool:
-    """Whether a node publishes one of these topics, or reads what the module publishes.
+    """Whether a node publishes one of these topics or reads what the module publishes.
 
-    A node with a queue counts as one: the queue may show an output.
+    A node with a queue always counts, as the queue may show an output.
     """
     felt = {*module.outputs, *(t.index for t in system.topics if t.queue_of is not None)}
     for c in system.components:

@@ -67,12 +67,12 @@ OF_SETS = FREE | RETURN | {"P2a", "start"}
 
 
 class NotACertificateError(Exception):
-    """There is no certificate in this place."""
+    """The folder has no certificate."""
 
 
 @dataclass(eq=False)
 class Certificate:
-    """A folder whose hashes are right. `used` collects the names of the tables that were read."""
+    """A folder whose hashes are right. `used` collects the names of the tables read so far."""
 
     folder: Path
     manifest: dict[str, Any]
@@ -83,7 +83,7 @@ class Certificate:
 
     @property
     def seal(self) -> str:
-        """SHA-256 of the manifest, in hexadecimal: it covers every other file."""
+        """The SHA-256 hash of the manifest, in hexadecimal; it covers all other files."""
         return hashlib.sha256(canonical_json(self.manifest)).hexdigest()
 
     @property
@@ -92,7 +92,7 @@ class Certificate:
         return sorted({n for n in self.contents if n.startswith("sets/")} - self.used)
 
     def breakpoints(self, path: object) -> tuple[float, ...]:
-        """An axis' breakpoints; RejectedError unless they are two or more, finite, and rise."""
+        """An axis's breakpoints; raises RejectedError unless two or more, finite and rising."""
         data = self.table_bytes(path)
         if len(data) % 8 or len(data) < 16:
             raise RejectedError(f"`{path}` holds no breakpoints")
@@ -120,13 +120,13 @@ class Certificate:
         return every[:cells].astype(np.bool_).reshape(shape)
 
     def count_cells(self, shape: tuple[int, ...]) -> None:
-        """Counts the cells of a grid; NotRecheckedError if all grids have more than `CELLS_MAX`."""
+        """Counts cells; raises NotRecheckedError if all grids together exceed `CELLS_MAX`."""
         self.cells += math.prod(shape)
         if self.cells > CELLS_MAX:
             raise NotRecheckedError(f"more than {CELLS_MAX:,} cells in all grids: not looked at")
 
     def table_bytes(self, path: object) -> bytes:
-        """Reads a file below `sets/`, and notes its name; RejectedError if it is missing."""
+        """Reads a file below `sets/`, notes its name; raises RejectedError if it is missing."""
         if not isinstance(path, str) or not path.startswith("sets/") or path not in self.contents:
             raise RejectedError(f"there is no table `{path}`")
         self.used.add(path)
@@ -134,9 +134,9 @@ class Certificate:
 
 
 def read_certificate(folder: Path) -> Certificate:
-    """Reads the certificate in a folder; `NotACertificateError` where the folder holds none.
+    """Reads the certificate in a folder; raises NotACertificateError if the folder has none.
 
-    `RejectedError` for a bad one, `NotRecheckedError` for one that is too large or cannot be read.
+    Raises RejectedError for a bad one, NotRecheckedError if it is too large or cannot be read.
     """
     if not folder.is_dir():
         raise NotACertificateError(f"`{folder}` is not a folder")
@@ -163,7 +163,7 @@ def read_certificate(folder: Path) -> Certificate:
 
 
 def _require_this_format(number: object) -> None:
-    """NotRecheckedError for the format of another version of Soter: it is not known here."""
+    """Raises NotRecheckedError for the format of another version of Soter."""
     if type(number) is not int or number < 1:
         raise RejectedError("the manifest does not say the version of its format")
     if other := why_format_is_unreadable(number, FORMAT):
@@ -171,10 +171,10 @@ def _require_this_format(number: object) -> None:
 
 
 def _file_sizes(folder: Path) -> dict[str, int]:
-    """The size in bytes of every file, by its name, in the order of names; reads no file.
+    """The size in bytes of every file, by name in sorted order; does not open the files.
 
-    RejectedError for links, devices and empty folders, NotRecheckedError for too many files or
-    bytes.
+    Raises RejectedError for links, devices and empty folders, NotRecheckedError for too many files
+    or bytes.
     """
     sizes: dict[str, int] = {}
     folders: set[str] = set()
@@ -207,7 +207,7 @@ def _file_sizes(folder: Path) -> dict[str, int]:
 
 
 def _folder_entries(at: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    """The entries of a folder, links not followed; NotRecheckedError if it cannot be read."""
+    """Lists a folder without following links; raises NotRecheckedError if unreadable."""
     try:
         with os.scandir(at) as entries:
             for entry in entries:
@@ -217,7 +217,7 @@ def _folder_entries(at: Path) -> Iterator[tuple[Path, os.stat_result]]:
 
 
 def _read_file(folder: Path, name: str, size: int) -> bytes:
-    """The bytes of a plain file; RejectedError if not `size` many, else as `_folder_entries`."""
+    """The bytes of a plain file; raises RejectedError unless it has `size` bytes."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     try:
         with os.fdopen(os.open(folder / name, flags), "rb") as file:
@@ -241,16 +241,16 @@ def _parse_manifest(raw: bytes) -> dict[str, Any]:
 
 
 def canonical_json(manifest: object) -> bytes:
-    """JSON with sorted keys, no spaces, plain ASCII, and a newline at the end."""
+    """Encodes JSON with sorted keys, no spaces, only ASCII, and a final newline."""
     text = json.dumps(manifest, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return (text + "\n").encode()
 
 
 def read_program(certificate: Certificate) -> tuple[CheckResult, dict[str, Any]]:
-    """Gives the checked program and the values of its parameters; `SoterError` where it has errors.
+    """The checked program and its parameter values; raises SoterError if it has errors.
 
-    RejectedError where it is missing or has another hash than the manifest says; NotRecheckedError
-    where all its errors are words that an earlier version had.
+    Raises RejectedError if it is missing or has another hash than the manifest, NotRecheckedError
+    if all its errors are words that an earlier version of Soter had.
     """
     main = certificate.manifest["main"]
     if not isinstance(main, str) or f"program/{main}" not in certificate.contents:
@@ -274,7 +274,7 @@ def read_program(certificate: Certificate) -> tuple[CheckResult, dict[str, Any]]
 
 
 def _refuse_bytes_not_sealed(certificate: Certificate, checked: CheckResult) -> None:
-    """RejectedError where a file that the front end read anew has other bytes than were sealed."""
+    """Raises RejectedError if a file that the front end read has other bytes than were sealed."""
     assert checked.loaded is not None
     root = certificate.folder.resolve()
     for path, digest in checked.loaded.contents.items():
@@ -285,7 +285,7 @@ def _refuse_bytes_not_sealed(certificate: Certificate, checked: CheckResult) -> 
 
 
 def files_of_program(path: str) -> list[Path]:
-    """The main file, all that it imports, and their files of data; `SoterError` as of `load`."""
+    """The main file, all its imports, and their data files. Raises SoterError as `load` does."""
     diagnostics = Diagnostics()
     loaded = load(path, diagnostics)
     if loaded is None:
@@ -298,7 +298,7 @@ def files_of_program(path: str) -> list[Path]:
 
 
 def _refuse_files_not_sealed(certificate: Certificate, path: str) -> None:
-    """RejectedError unless the program reads all files below `program/`, and no others."""
+    """Raises RejectedError unless the program reads exactly the files below `program/`."""
     root, paths = certificate.folder.resolve(), files_of_program(path)
     unread = {name for name in certificate.contents if name.startswith("program/")}
     for path_read in paths:
@@ -336,7 +336,7 @@ def _parameter_value(type_: object, value: object, name: str) -> object:
 
 
 def number_from_hexadecimal(text: object, name: str) -> float:
-    """The finite number that a text of `float.hex` stands for; RejectedError for any other text."""
+    """The finite number that a text of `float.hex` encodes. Raises RejectedError otherwise."""
     try:
         value = float.fromhex(text)  # type: ignore[arg-type]  # checked here
     except (TypeError, ValueError, OverflowError):
@@ -347,7 +347,7 @@ def number_from_hexadecimal(text: object, name: str) -> float:
 
 
 def refuse_cells(cores: Sequence[NDArray[Any]], claims: set[str], recover_ns: object) -> None:
-    """`RejectedError` for cells of K, or a time to return, on which no claim rests.
+    """Raises RejectedError for cells of K or a time to return that no claim needs.
 
     `cores`: K of each group, of any shape.
     """
@@ -358,7 +358,7 @@ def refuse_cells(cores: Sequence[NDArray[Any]], claims: set[str], recover_ns: ob
 
 
 def require_keys(entry: object, names: str, holder: str, optional: str = "") -> None:
-    """RejectedError unless an entry has all keys of `names`, and no others but `optional` ones."""
+    """Raises RejectedError unless an entry has all keys in `names` and no others but `optional`."""
     if not isinstance(entry, dict):
         raise RejectedError(f"{holder} is not as it should be")
     allowed = {*names.split(), *(name for name in optional.split() if name in entry)}
@@ -367,7 +367,7 @@ def require_keys(entry: object, names: str, holder: str, optional: str = "") -> 
 
 
 def stated_assumptions(manifest: dict[str, Any]) -> list[RecheckAssumption]:
-    """The assumptions that the prover wrote; RejectedError unless they are a list of text pairs."""
+    """The assumptions that the prover wrote. Raises RejectedError unless they are text pairs."""
     stated = manifest.get("assumptions", [])
     if not isinstance(stated, list) or any(
         not isinstance(pair, list) or [*map(type, pair)] != [str, str] for pair in stated

@@ -44,7 +44,7 @@ TAYLOR, TAYLOR_MAX = 24, 256
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """x(t) = state x + control u + constant for u that is constant up to t, for all t of a span."""
+    """x(t) = state x + control u + constant, for u constant up to t and all t of a span."""
 
     state: Rows
     control: Rows
@@ -53,7 +53,7 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class LinearFlow:
-    """The flow of one group: `members` are its states, `noise` is W, `ranges` are those of u."""
+    """The flow of a group: its states are `members`, its noise is W, and `ranges` are of u."""
 
     members: tuple[int, ...]
     a: Rows
@@ -76,7 +76,7 @@ class LinearFlow:
         )
 
     def noise_bounds(self, columns: Rows, start: Fraction, end: Fraction) -> list[arb]:
-        """Bounds on what |w| <= 1 adds to each state in [start, end]; `columns` stand for W."""
+        """Bounds on the effect of |w| <= 1 on each state in [start, end]; `columns`: of W."""
         most = [ZERO] * len(columns)
         back = [[-x for x in row] for row in self.a]
         for time, a in ((-start, back), (end, self.a)):
@@ -86,7 +86,7 @@ class LinearFlow:
 
 
 def _noise_sizes(a: Rows, columns: Rows, time: Fraction) -> list[arb]:
-    """A bound for each state on the integral of |e^{As} W| over [0, time], summed over columns."""
+    """For each state, a bound on the integral of |e^{As} W| over [0, time], over all columns."""
     share = time / PIECES
     whole = product(exp_integral(a, time), columns)
     around = _exponential_around_zero(a, share / 2)
@@ -133,7 +133,7 @@ def _reachable_entries(a: Rows) -> list[list[bool]]:
 
 
 def _with_exact_entries(a: Rows, e: Rows) -> Rows:
-    """The matrix `e` = e^{At}, exact in the entries that are 0 or 1 by the zeros of A."""
+    """The matrix `e` = e^{At} with exact entries if the zeros of A make them 0 or 1."""
     reach = _reachable_entries(a)
     return [
         [x if reach[i][j] else (ONE if i == j else ZERO) for j, x in enumerate(row)]
@@ -142,23 +142,23 @@ def _with_exact_entries(a: Rows, e: Rows) -> Rows:
 
 
 def exponential(a: Rows, start: Fraction, end: Fraction) -> Rows:
-    """e^{At} for all t in [start, end]: exact in the middle, a Taylor series around it.
+    """e^{At} for all t in [start, end]: exact in the middle, with a Taylor series around it.
 
-    NotRecheckedError where the span is too long for the series.
+    Raises NotRecheckedError if the span is too long for the series.
     """
     around = unit_rows(len(a)) if start == end else _exponential_around_zero(a, (end - start) / 2)
     return _exponential(a, (start + end) / 2, around)
 
 
 def _exponential(a: Rows, middle: Fraction, around: Rows) -> Rows:
-    """e^{A middle} times `around`, which is e^{At} for t around 0; sure 0s and 1s are exact."""
+    """e^{A middle} times `around`, i.e. e^{At} for t near 0; certain 0s and 1s are exact."""
     return _with_exact_entries(a, product((arb_mat(a) * exact(middle)).exp().tolist(), around))
 
 
 def _exponential_around_zero(a: Rows, width: Fraction) -> Rows:
     """The matrix e^{At} for all t in [-width, width], by its series.
 
-    The series has so many terms that behind them each term is at most half of the one before.
+    The series has so many terms that each later term is at most half of the term before it.
     """
     half, absolute = exact(width), [list(map(magnitude, row)) for row in a]
     theta, scales = scaled_row_sum(absolute, half)
@@ -183,10 +183,10 @@ def _exponential_around_zero(a: Rows, width: Fraction) -> Rows:
 
 
 def scaled_row_sum(a: Rows, time: arb) -> tuple[arb, list[arb]]:
-    """`time` times the largest sum of |a_ij| d_j / d_i over a row, and the scales d.
+    """`time` times the largest row sum of |a_ij| d_j / d_i, and the scales d.
 
-    With S this sum an entry of |A|^k is at most S^k d_i / d_j, whatever the scales are. They are
-    powers of 2, moved towards those that make all sums equal for as long as that gains a tenth.
+    If S is this sum, an entry of |A|^k is at most S^k d_i / d_j for any scales. The scales are
+    powers of 2, moved toward those that make all sums equal as long as that gains a tenth.
     """
     sizes, scales = [list(map(magnitude, row)) for row in a], [ONE] * len(a)
     theta = time * reduce(arb.max, map(total, sizes), ZERO)
@@ -227,7 +227,7 @@ def has_linear_rates(model: CaseModel, members: Sequence[int]) -> bool:
 def linear_flow(model: CaseModel, members: Sequence[int]) -> LinearFlow:
     """The flow of a group, with the states of other groups as disturbances.
 
-    NotRecheckedError where a state of the group has no linear flow.
+    Raises NotRecheckedError if a state of the group has no linear flow.
     """
     rows = _rows_of_all_states(model)
     rows_of_group = [row for i in members if (row := rows[i]) is not None]
@@ -252,7 +252,7 @@ def linear_flow(model: CaseModel, members: Sequence[int]) -> LinearFlow:
 
 @dataclass(frozen=True, eq=False)
 class FlowRow:
-    """The rate of one state: x_i' = a x + b u + constant + noise w, with |w| <= 1."""
+    """The rate of a state: x_i' = a x + b u + constant + noise w, with |w| <= 1."""
 
     a: list[arb]
     b: list[arb]
@@ -261,7 +261,7 @@ class FlowRow:
 
 
 def _outside_noise(model: CaseModel, row: FlowRow, members: Sequence[int]) -> tuple[arb, list[arb]]:
-    """A row's constant and noise, with the states of other groups anywhere in their extents."""
+    """The constant and noise of a row, with states of other groups anywhere in their extents."""
     c, outside = row.constant, [ZERO] * len(model.extents)
     for j, (low, high) in enumerate(model.extents):
         if j not in members and not row.a[j].is_zero():
@@ -272,7 +272,7 @@ def _outside_noise(model: CaseModel, row: FlowRow, members: Sequence[int]) -> tu
 
 
 def _rows_of_all_states(model: CaseModel) -> list[FlowRow | None]:
-    """The rates of all states as rows; None where a rate is not linear."""
+    """The rates of all states as rows; None for a rate that is not linear."""
     terms, states = model.new_terms()
     controls = new_command_terms(model.facts, terms)
     rates, disturbances = model.rates(terms, states, controls)

@@ -31,7 +31,7 @@ InputKind = Literal["state", "control", "disturbance", "error", "other"]
 
 
 class DiffersError(RejectedError):
-    """The certificate says something else than the program."""
+    """The certificate differs from the program."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class StateParameter:
 
 @dataclass(eq=False)
 class Facts:
-    """The facts about one module in the program. States have the range of their initial values."""
+    """The facts about a module in the program; a state has the range of its initial values."""
 
     system: System
     module: Module
@@ -126,12 +126,12 @@ class Facts:
 
     @property
     def jitter_ns(self) -> int:
-        """j: the length of the window, the same after each release, in which SC's output acts."""
+        """j, the length of the window in which SC's output acts, equal after each release."""
         return self.times["j_ns"]
 
     @property
     def has_late_commands(self) -> bool:
-        """Whether commands may act so late that several outputs are under way at one time."""
+        """Whether commands may act so late that several outputs are on their way at once."""
         return 2 * self.jitter_ns > self.times["delta_ns"]
 
     @property
@@ -141,9 +141,9 @@ class Facts:
 
     @property
     def verdict_delay_ns(self) -> int:
-        """The longest time, in ns, from a state until a verdict on it, or a later one, is in force.
+        """The longest time in ns from a state until a verdict on it or a later state is in force.
 
-        A read is at most A old: from A after the state on every DM sees it; the next DM is due
+        A read is at most A old, so from A after the state every DM sees it. The next DM is due
         within Delta, starts late and answers late.
         """
         t = self.times
@@ -151,7 +151,7 @@ class Facts:
 
     @property
     def ns_between_verdicts(self) -> int:
-        """The longest time, in ns, from the state behind a verdict to that behind the next one."""
+        """The longest time in ns between the states behind two successive verdicts."""
         return self.times["A_ns"] + self.times["Delta_ns"] + self.times["J_dm_ns"]
 
     @property
@@ -185,7 +185,7 @@ class Facts:
         return [c for c in self.flying.components if c.module == index and c.role in ("ac", "sc")]
 
     def topics_read_by_dm(self, ttf: typed.TypedExpr | None) -> list[typed.TopicSymbol]:
-        """The topics that `safer` and this form of `ttf` read; none of computed predicates."""
+        """The topics that `safer` and this form of `ttf` read; none if predicates are computed."""
         return list(topic_reads(*(p for p in (ttf, self.symbol.safer) if p is not None)))
 
     def parameter_combinations(self) -> Iterator[tuple[int, ...]]:
@@ -194,7 +194,7 @@ class Facts:
 
 
 def driven_topics(facts: Facts) -> dict[int, tuple[Component, typed.TypedExpr]]:
-    """Topic -> the plant that drives it, and the expression that it publishes there."""
+    """Maps each driven topic to the plant that drives it and the expression it publishes."""
     return {
         c.scope.topics[topic]: (c, expr)
         for c in facts.plants
@@ -204,7 +204,7 @@ def driven_topics(facts: Facts) -> dict[int, tuple[Component, typed.TypedExpr]]:
 
 
 def topics_read(facts: Facts) -> tuple[list[int], list[int]]:
-    """The driven topics that the DM reads, and those that SC reads."""
+    """The driven topics that the DM reads, and the driven topics that SC reads."""
     driven = driven_topics(facts)
     by_dm = [facts.module.scope.topics[t] for t in facts.topics_read_by_dm(facts.symbol.ttf)]
     by_sc = [facts.sc.scope.topics[t] for t in topics_read_by_sc(facts.sc)]
@@ -216,9 +216,9 @@ def topics_read(facts: Facts) -> tuple[list[int], list[int]]:
 
 
 def bounded_topics(facts: Facts) -> list[int]:
-    """The driven topics with a declared set; a plant that would publish outside of it stops.
+    """The driven topics with a declared set; a plant stops before it publishes outside the set.
 
-    All of an abstraction's are among them: it says nothing of the vehicle once it has stopped.
+    All topics of an abstraction are included: once stopped, it tells nothing about the vehicle.
     """
     return [
         index
@@ -228,13 +228,13 @@ def bounded_topics(facts: Facts) -> list[int]:
 
 
 def named_leaves(name: str, of: Type) -> Iterator[tuple[int, str, Type]]:
-    """(number, name, type) of each leaf of a value called `name`."""
+    """Yields number, name and type of each leaf of a value called `name`."""
     for k, (path, leaf) in enumerate(leaves(of)):
         yield k, leaf_name(name, path), leaf
 
 
 def has_kind(kind: type, code: Iterable[object]) -> bool:
-    """Whether a piece of code has an expression of a kind."""
+    """Whether a piece of code contains an expression of the type `kind`."""
     return any(isinstance(node, kind) for node in nodes(code))
 
 
@@ -244,7 +244,7 @@ def reads_mode(code: Iterable[object]) -> bool:
 
 
 def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:
-    """The topics that move a plant and are no outputs of the module, in the order of its reads."""
+    """The topics that move a plant without being outputs of the module, in reading order."""
     assert c.plant is not None
     moves = [*(e for _, e in c.plant.lets), *c.plant.der.values(), *c.plant.next.values()]
     mentioned = topic_reads(*moves)
@@ -253,7 +253,7 @@ def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:
 
 
 def topics_read_by_sc(sc: Component) -> list[typed.TopicSymbol]:
-    """The topics that SC reads, in `on takeover`, too; NotRecheckedError where SC is extern."""
+    """The topics that SC reads, also in `on takeover`; raises NotRecheckedError if extern."""
     if sc.node is None or sc.node.extern:
         raise NotRecheckedError("SC is not Soter source: nothing is known about its commands")
     return list(topic_reads(*(sc.node.takeover or ()), *sc.node.step))

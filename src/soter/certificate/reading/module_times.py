@@ -71,9 +71,9 @@ def _check_max_ages(setting: TimingSetting, times: DerivedTimes) -> None:
 
 
 def read_times(facts: Facts) -> None:
-    """Enters into `facts` every time in ns, by its name in the manifest: declared or derived.
+    """Enters into `facts` every time in ns, declared or derived, by its name in the manifest.
 
-    DiffersError where declared times contradict the program, NotRecheckedError where a case is not
+    Raises DiffersError if declared times contradict the program, NotRecheckedError if a case is not
     understood.
     """
     verify = facts.symbol.verify
@@ -110,7 +110,7 @@ def read_times(facts: Facts) -> None:
         time_by_name["H_ns"] = int(const_value(facts, verify.horizon))
     in_step = [name for kind, name in facts.ways.notes if kind == "in step"]
     if facts.flying.timed:
-        facts.thread = extras.thread_times.check_thread_times(
+        facts.thread = extras.thread_times.thread_time_assumption(
             facts.flying, facts.flying_module, setting, in_step
         )
     facts.times, facts.derived, facts.setting = time_by_name, derived, setting
@@ -119,7 +119,7 @@ def read_times(facts: Facts) -> None:
 def _timing_setting(
     facts: Facts, by_dm: list[int], by_sc: list[int], times: dict[str, int]
 ) -> TimingSetting:
-    """Collects the facts on which the times depend; topics are those of the system that runs."""
+    """Collects the facts that times depend on; the topics are those of the running system."""
     system, module = facts.flying, facts.flying_module
     dm, sc = system.components[module.dm], system.components[module.sc]
 
@@ -150,9 +150,9 @@ def _timing_setting(
 
 
 def _check_late_commands(facts: Facts, setting: TimingSetting) -> None:
-    """NotRecheckedError where SC's jitter exceeds half its period, and we have no argument.
+    """Raises NotRecheckedError if SC's jitter exceeds half its period and no argument covers that.
 
-    Chains of grids have one (`flow_chains.py`).
+    Chains of grids have such an argument (`flow_chains.py`).
     """
     symbol = facts.symbol
     beside = {
@@ -169,10 +169,10 @@ def _check_late_commands(facts: Facts, setting: TimingSetting) -> None:
 
 
 def compare_times(facts: Facts, entry: dict[str, Any]) -> None:
-    """Requires declared times as in the program and derived ones no shorter; enters the longer.
+    """Requires declared times as in the program, and derived times no shorter; enters the longer.
 
-    With older reads, wider windows or a longer horizon a claim is about more schedules, and implies
-    ours. RejectedError for shorter times, NotRecheckedError for longer ones than anybody needs.
+    With older reads, wider windows or a longer horizon a claim covers more schedules, and implies
+    ours. Raises RejectedError for shorter times, NotRecheckedError for needlessly long ones.
     """
     keys: tuple[str, ...] = TIME_KEYS
     if ACTED_KEY in entry and facts.symbol.shield is not None and facts.kind == "flow":

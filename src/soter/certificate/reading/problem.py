@@ -47,9 +47,9 @@ LARGEST_ERROR = 2.0**1000
 
 
 def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
-    """Reads the problem of the module called `name`, in one of its views where it has views.
+    """Reads the problem of the module called `name`, in one of its views if it has views.
 
-    DiffersError where there is no such module, NotRecheckedError where this reader does not know
+    Raises DiffersError if the module does not exist, NotRecheckedError if this reader cannot handle
     its problem.
     """
     modules = [m for m in flat_system.modules if m.name == name]
@@ -90,7 +90,7 @@ def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
 
 
 def _plants_of(system: System, module: Module) -> tuple[Component, ...]:
-    """The plants that drive what SC, a predicate or an axis reads, or that an axis names."""
+    """The plants that drive topics read by SC, a predicate or an axis, or that an axis names."""
     sc = system.components[module.sc]
     wanted = {sc.scope.topics[t] for t in topics_read_by_sc(sc)}
     wanted |= {module.scope.topics[t] for t in topic_reads(*module.symbol.predicates)}
@@ -101,10 +101,10 @@ def _plants_of(system: System, module: Module) -> tuple[Component, ...]:
         wanted |= {scope[a.topic] for a in axes if a.topic is not None and a.topic in scope}
     home = name_of_subsystem(module)
     names = {f"{home}.{a.instance}" if home else a.instance for a in axes if a.instance}
-    return tuple(c for c in system.components if _is_wanted(c, names, wanted))
+    return tuple(c for c in system.components if _is_needed_plant(c, names, wanted))
 
 
-def _is_wanted(c: Component, names: set[str], topics: set[int]) -> bool:
+def _is_needed_plant(c: Component, names: set[str], topics: set[int]) -> bool:
     return c.plant is not None and (
         c.name in names or any(c.scope.topics[t] in topics for t, _ in c.plant.drives)
     )
@@ -124,9 +124,9 @@ def _plant_kind(c: Component) -> Literal["flow", "map"]:
 
 
 def _read_states(facts: Facts, c: Component) -> None:
-    """Enters a plant's floats as states with the ranges they start in, other values as parameters.
+    """Enters a plant's floats as states with ranges at the start, other values as parameters.
 
-    A run may start as the plant declares it, and where the map of `abstracts` puts what flies.
+    A run may start as the plant declares, or where the map of `abstracts` puts the flying system.
     """
     plant = c.plant
     assert plant is not None
@@ -154,7 +154,7 @@ def _read_states(facts: Facts, c: Component) -> None:
 
 
 def _read_disturbances(facts: Facts, c: Component) -> None:
-    """Enters the disturbances of a plant, and what others publish that moves it."""
+    """Enters a plant's disturbances and the topics of others that move the plant."""
     for d in c.disturbances:
         for k, name, of in named_leaves(f"{c.name}.{d.variable.name}", d.variable.type):
             assert isinstance(of, FloatType)  # else T018
@@ -223,7 +223,7 @@ def _leaves_of(facts: Facts, index: int, kind: InputKind) -> Iterator[Input]:
 
 
 def _read_axes(facts: Facts) -> None:
-    """Enters the declared axis of each state. The prover may choose the others."""
+    """Enters the declared axis of each state. The prover may choose all other axes."""
     for group in facts.symbol.verify.groups:
         for axis in group.axes:
             state = _state_of_axis(facts, axis)
@@ -242,7 +242,7 @@ def _read_axes(facts: Facts) -> None:
 
 
 def _state_of_axis(facts: Facts, axis: typed.TypedGridAxis) -> int | None:
-    """The number of the state that an axis names; None where its topic leaf is not just a state."""
+    """The number of the state that an axis names; None if the topic leaf is not just a state."""
     if axis.topic is None:
         wanted = leaf_name(axis.instance, axis.path)
         named = [i for i, s in enumerate(facts.states) if ("." + s.name).endswith("." + wanted)]
@@ -254,7 +254,7 @@ def _state_of_axis(facts: Facts, axis: typed.TypedGridAxis) -> int | None:
 
 
 def _topic_of_axis(facts: Facts, topic: typed.TopicSymbol) -> int:
-    """The number of the topic that an axis names; -1 where neither module nor SC knows it."""
+    """The number of the topic that an axis names; -1 if neither module nor SC knows the topic."""
     for scope in (facts.module.scope.topics, facts.sc.scope.topics):
         if topic in scope:
             return scope[topic]
@@ -264,7 +264,7 @@ def _topic_of_axis(facts: Facts, topic: typed.TopicSymbol) -> int:
 def state_published(
     facts: Facts, c: Component, expr: typed.TypedExpr, path: tuple[str, ...]
 ) -> int | None:
-    """The number of the state that a leaf of a topic shows; None if it shows no state as it is."""
+    """The number of the state that a topic leaf shows unchanged; None if it shows no state so."""
     plant = c.plant
     assert plant is not None
     if isinstance(expr, typed.VarRead):

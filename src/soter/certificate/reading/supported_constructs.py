@@ -104,7 +104,7 @@ ROLES = ("plant", "dm", "sc", "ac", "node")
 
 
 def require_supported(facts: Facts, *, followed: bool = False) -> None:
-    """NotRecheckedError for a construct that is not listed; `followed`: `rest` counts as listed."""
+    """Raises NotRecheckedError for a construct that is not on the list, or `rest` if `followed`."""
     for declared in (*CODE, *DECLARATIONS, *ELABORATED):
         _require_known_fields(declared)
     module = facts.flying_module
@@ -118,7 +118,7 @@ def require_supported(facts: Facts, *, followed: bool = False) -> None:
     _require_supported_sc(facts.sc.node, followed=followed)
     if facts.reads_any_mode:
         extras.sc_locals_and_modes.require_modes_of_others(facts)
-    _require_own_topics(facts)
+    _require_unshared_topics(facts)
     rest = () if facts.symbol.rest is None else (facts.symbol.rest.condition,)
     for expr in (*facts.symbol.predicates, *rest):
         read = facts.ttf if expr is facts.symbol.ttf else expr
@@ -148,7 +148,7 @@ def _require_known_fields(declared: type) -> None:
 
 
 def _require_supported_sc(sc: t.NodeSymbol, *, followed: bool = False) -> None:
-    """NotRecheckedError unless SC only does its step, and all parts of the step are on the list."""
+    """Raises NotRecheckedError unless SC only makes its step, from parts that are on the list."""
     if sc.extern:
         raise NotRecheckedError("SC is not Soter source: nothing is known about its commands")
     if sc.takeover and not followed:
@@ -162,8 +162,8 @@ def _require_supported_sc(sc: t.NodeSymbol, *, followed: bool = False) -> None:
         _require_known_code(s, "SC")
 
 
-def _require_own_topics(facts: Facts) -> None:
-    """NotRecheckedError where others publish the module's outputs, or SC reads a queue."""
+def _require_unshared_topics(facts: Facts) -> None:
+    """Raises NotRecheckedError if others publish the module's outputs or SC reads a queue."""
     outputs = set(facts.flying_module.outputs)
     controllers = facts.controllers
     for c in (c for c in facts.flying.components if c not in controllers):
@@ -190,7 +190,7 @@ def _require_known_plant(c: Component) -> None:
 
 
 def plant_code(plant: t.PlantSymbol) -> list[object]:
-    """All expressions of a plant."""
+    """All expressions and other code of a plant."""
     pairs = (*plant.drives, *plant.lets, *plant.der.items(), *plant.next.items())
     return [expr for _, expr in pairs]
 
@@ -199,7 +199,7 @@ def plant_code(plant: t.PlantSymbol) -> list[object]:
 
 
 def _require_known_code(root: object, where: str) -> None:
-    """NotRecheckedError unless code and functions that it calls have only parts on the list."""
+    """Raises NotRecheckedError unless code and the functions it calls have only known parts."""
     for part in code_parts([root]):
         if type(part) not in CODE:
             name = _WORDS.get(type(part), type(part).__name__.removeprefix("Typed").lower())
@@ -209,7 +209,7 @@ def _require_known_code(root: object, where: str) -> None:
 
 
 def code_parts(roots: list[object]) -> Iterator[object]:
-    """Each piece of code, its parts, and the functions that it calls, but not the types."""
+    """Yields each piece of code, its parts, and the functions that it calls, without types."""
     seen: set[int] = set()
     todo = list(roots)
     while todo:

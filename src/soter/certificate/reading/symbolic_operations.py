@@ -56,9 +56,9 @@ SMALL = exact(2.0**900)
 
 
 def remembered(operation: F) -> F:
-    """A decorator: an operation on the same operand objects gives the same object again.
+    """Decorates an operation: with the same operand objects it returns the same object again.
 
-    So what a program writes twice may cancel, as on the machine. Obligations are added each time.
+    So equal code in a program may cancel, as on the machine. Obligations are added each time.
     """
 
     @wraps(operation)
@@ -72,7 +72,7 @@ def remembered(operation: F) -> F:
 
 
 def remembered_with_doubts(operation: F) -> F:
-    """A decorator as `remembered`; the result rests on all that its operands and doubts rest on."""
+    """Decorates like `remembered`; results also keep the doubts of operands and operation."""
 
     @wraps(operation)
     def call_once(self: Operations, *operands: Any) -> Value:  # noqa: ANN401 - as it is declared
@@ -85,7 +85,7 @@ def remembered_with_doubts(operation: F) -> F:
 
 
 def _with_doubts(result: Value, doubts: Sequence[Proposition]) -> Value:
-    """The result, known only where the doubts hold; elsewhere a truth may be either."""
+    """The result, known only if `doubts` hold; otherwise a truth may have either value."""
     if isinstance(result, Linear):
         rests = tuple(dict.fromkeys([*result.rests, *doubts]))
         known = rests == result.rests or isinstance(result, SymbolicInt)  # an int is always some
@@ -99,9 +99,9 @@ def _with_doubts(result: Value, doubts: Sequence[Proposition]) -> Value:
 
 
 class Operations:
-    """The operators over terms: as the machine computes (`rounded`), else over real numbers.
+    """The operators over terms: as the machine computes if `rounded`, else over real numbers.
 
-    On known numbers a function (`sqrt(2.0)`) gives what the machine makes of them, in a flow, too.
+    On known numbers a function (`sqrt(2.0)`) gives the machine's result, also in a flow.
     """
 
     def __init__(self, terms: Terms, *, rounded: bool) -> None:
@@ -135,7 +135,7 @@ class Operations:
                     self.terms.add_obligation(truth)
 
     def add_doubt(self, truth: Value) -> None:
-        """Notes that the result of the current operation is only known where a truth holds."""
+        """Notes that the result of the current operation is known only if a truth holds."""
         if as_bool(as_truth(truth)) is not True:
             self.doubts.append(as_truth(truth))
 
@@ -156,7 +156,7 @@ class Operations:
 
     @remembered
     def choice_of(self, of: Type, c: Proposition, a: Value, b: Value) -> Value:
-        """`c ? a : b`, leaf by leaf; NotRecheckedError for two lists of different lengths."""
+        """`c ? a : b`, leaf by leaf; raises NotRecheckedError for lists of unequal length."""
         if isinstance(a, tuple):
             if len(a) != len(b):
                 raise NotRecheckedError(f"a list whose length depends on a branch {NOT_HERE}")
@@ -167,7 +167,7 @@ class Operations:
             return a
         x, y = self._as_term(a), self._as_term(b)
         finite, rests = (_choice_doubts(c, x.beyond, y.beyond), _choice_doubts(c, x.rests, y.rests))
-        chosen = _with_beyond(self.terms.choose(c, x, y), finite)
+        chosen = _with_finiteness_conditions(self.terms.choose(c, x, y), finite)
         chosen = replace(chosen, rests=()) if chosen.rests else chosen
         return _with_doubts(self.int_if_any(chosen, a, b), rests)
 
@@ -175,12 +175,14 @@ class Operations:
     def negate(self, x: Value) -> Value:
         """The number `-x`."""
         if isinstance(x, Linear):
-            return self.int_if_any(_with_beyond(self.terms.combine(((-ONE, x),)), x.beyond), x)
+            return self.int_if_any(
+                _with_finiteness_conditions(self.terms.combine(((-ONE, x),)), x.beyond), x
+            )
         return arith.neg_int(x) if isinstance(x, int) else -x
 
     @remembered_with_doubts
     def compare(self, op: str, a: Value, b: Value) -> Value:
-        """Whether `a op b` holds of two scalars."""
+        """The proposition that `a op b` holds for two scalars."""
         if isinstance(a, Proposition) or isinstance(b, Proposition):
             equal = choice_of_truths(as_truth(a), as_truth(b), negation(as_truth(b)))
             return as_bool(equal if op == "==" else negation(equal))
@@ -194,9 +196,9 @@ class Operations:
 
     @remembered_with_doubts
     def arithmetic(self, op: str, a: Value, b: Value) -> Value:
-        """`a op b` of scalars for `+ - * / %`; of real numbers where this reader does not round.
+        """`a op b` of scalars for `+ - * / %`; of real numbers if this reader does not round.
 
-        NotRecheckedError for `/` and `%` of ints that depend on inputs.
+        Raises NotRecheckedError for `/` and `%` of ints that depend on inputs.
         """
         if isinstance(a, int) and isinstance(b, int):
             return INTS[op](a, b)
@@ -219,7 +221,7 @@ class Operations:
 
     @remembered_with_doubts
     def min_or_max(self, name: str, a: Value, b: Value) -> Value:
-        """`min` or `max` of two scalars, as `name` says."""
+        """The `min` or `max` of two scalars; `name` selects which."""
         if not isinstance(a, Linear) and not isinstance(b, Linear):
             _refuse_nan(a, b)
             return arith.minimum(a, b) if name == "min" else arith.maximum(a, b)
@@ -227,11 +229,13 @@ class Operations:
         choose = self.terms.minimum if name == "min" else self.terms.maximum
         # plants: limits keep ends of grids; two numbers that vary: either is a limit
         tight = not self.is_rounded or not (x.is_constant or y.is_constant)
-        return self.int_if_any(_with_beyond(choose(x, y, tight=tight), x.beyond + y.beyond), a, b)
+        return self.int_if_any(
+            _with_finiteness_conditions(choose(x, y, tight=tight), x.beyond + y.beyond), a, b
+        )
 
     @remembered_with_doubts
     def clamp(self, x: Value, low: Value, high: Value) -> Value:
-        """The prelude's `clamp`: x between two limits; the result rests on their order."""
+        """The prelude's `clamp`: x between two limits; the result assumes low <= high."""
         if isinstance(low, Linear) or isinstance(high, Linear):  # where they meet no rate jumps
             self.add_doubt(self.terms.compare("<=", *self._operand_terms("<=", low, high)))
         else:
@@ -239,12 +243,12 @@ class Operations:
         return self.min_or_max("min", self.min_or_max("max", x, low), high)
 
     def add_doubt_below_zero(self, x: Linear) -> None:
-        """Notes that the result of the operation is only known where `x` is not below 0."""
+        """Notes that the result of the operation is known only if `x` is not below 0."""
         self.add_doubt(negation(self.terms.below_zero(x)))
 
     @remembered_with_doubts
     def result_of_builtin(self, name: str, x: Value) -> Value:
-        """The result of a built-in function of one scalar; NotRecheckedError for an unknown one."""
+        """The result of a built-in function of a scalar; raises NotRecheckedError if unknown."""
         if not isinstance(x, Linear):
             return BUILTINS[name](x)
         argument, x = x, self.finite_term(x)
@@ -266,10 +270,10 @@ class Operations:
         return self.terms.apply_function("floor", self.widened_at_jump(x))
 
     def widened_at_jump(self, x: Linear, at: Linear | None = None) -> Linear:
-        """The number `x`, a hair wider where a rate jumps: where `at`, or else `x`, is 0.
+        """The number `x`, slightly widened if a rate jumps: where `at`, by default `x`, is 0.
 
-        So at a jump the rate is any between those on both sides, and never the value there alone,
-        which no solution feels. Only states pass a jump.
+        So at a jump the rate is any value between the rates of both sides, and not only the value
+        exactly there, which no solution feels. Only states pass a jump.
         """
         terms, at = self.terms, at or x
         if not self.everywhere or not any(
@@ -300,11 +304,11 @@ class Operations:
         return x
 
     def int_if_any(self, x: Linear, *of: Value) -> Value:
-        """`x`, as an int if one of the operands is an int."""
+        """The term `x`; it is an int if an operand is an int."""
         return self.as_int(x) if _is_whole(*of) else x
 
     def as_int(self, x: Linear) -> Value:
-        """The term as an int, which is exact; NotRecheckedError where it may pass 2^53."""
+        """The term as an exact int; raises NotRecheckedError if it may exceed 2^53."""
         if not (magnitude(x.low) < 2**53 and magnitude(x.high) < 2**53):
             raise NotRecheckedError(f"an int beyond 2^53 that depends on inputs {NOT_HERE}")
         return SymbolicInt(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
@@ -313,7 +317,7 @@ class Operations:
         return self.terms.rounded_term(x) if self.is_rounded else x
 
     def _operand_terms(self, op: str, a: Value, b: Value) -> tuple[Linear, Linear]:
-        """Two operands as terms, with the doubt that they are finite where `op` needs that."""
+        """Two operands as terms; adds the doubt that they are finite if `op` needs that."""
         x, y = self._as_term(a), self._as_term(b)
         for one, other in ((x, y), (y, x)):
             large = self.is_rounded and (other.low >= 1 or other.high <= -1)
@@ -325,7 +329,7 @@ class Operations:
         return x, y
 
     def finite_term(self, x: Value) -> Linear:
-        """A number as a term; the result of the operation is only known where it is finite."""
+        """A number as a term; the operation's result is known only if this number is finite."""
         term = self._as_term(x)
         self.doubts += term.beyond
         return term
@@ -338,8 +342,8 @@ class Operations:
         return self.terms.constant(x)
 
 
-def _with_beyond(x: Linear, beyond: Sequence[Proposition]) -> Linear:
-    """A number that may be infinite unless `beyond` hold; it has none of these if it is bounded."""
+def _with_finiteness_conditions(x: Linear, beyond: Sequence[Proposition]) -> Linear:
+    """The number `x`, infinite unless `beyond` hold; a bounded number needs no conditions."""
     bounded = magnitude(x.low).max(magnitude(x.high)) < LARGEST
     return x if bounded or not beyond else replace(x, beyond=tuple(beyond))
 
@@ -347,7 +351,7 @@ def _with_beyond(x: Linear, beyond: Sequence[Proposition]) -> Linear:
 def _choice_doubts(
     c: Proposition, a: Sequence[Proposition], b: Sequence[Proposition]
 ) -> list[Proposition]:
-    """The propositions that must hold of `c ? a : b`, from those that must hold of a, and of b."""
+    """The propositions that `c ? a : b` needs, from those that a and b need."""
     alone = [or_of(negation(c), p) for p in a if p not in b]
     alone += [or_of(c, p) for p in b if p not in a]
     return [*(p for p in a if p in b), *alone]
@@ -358,7 +362,7 @@ def _is_whole(*values: Value) -> bool:
 
 
 def _refuse_nan(*compared: Value) -> None:
-    """NotRecheckedError for a NaN: operators differ in what they make of one."""
+    """Raises NotRecheckedError for a NaN, because operators treat NaN differently."""
     if any(isinstance(x, float) and x != x for x in compared):  # noqa: PLR0124
         raise NotRecheckedError(f"a NaN that is compared {NOT_HERE}")
 

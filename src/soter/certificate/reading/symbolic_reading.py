@@ -49,7 +49,7 @@ STEPS_MAX = 200_000
 
 @dataclass(eq=False)
 class CallFrame:
-    """The variables of a call, and what it published: topic -> (condition, value)."""
+    """The variables of a call, and the condition and value of each topic that it published."""
 
     variables: dict[t.Variable, Value]
     published: dict[t.TopicSymbol, tuple[Value, Value]] = field(default_factory=dict)
@@ -57,21 +57,21 @@ class CallFrame:
     """The result type of the function that is read."""
 
     def copy(self) -> CallFrame:
-        """A copy, for the other side of a branch."""
+        """A copy of the frame for the other side of a branch."""
         return CallFrame(dict(self.variables), dict(self.published), self.result)
 
 
 class CodeReader:
-    """Reads code to values; `operations` gives the operators (`symbolic_operations.py`)."""
+    """Reads code into values; `operations` computes the operators (`symbolic_operations.py`)."""
 
     def __init__(self, operations: Any, params: Mapping[t.ParamSymbol, Value]) -> None:  # noqa: ANN401 - of either kind
         self.operations, self.params = operations, params
         self._steps = 0
 
     def run_under(self, path: Value, run: Callable[[], Value]) -> tuple[bool, Value]:
-        """(True, what `run` gives under the condition `path`), or (False, None) where it faults.
+        """(True, the result of `run` under the condition `path`), or (False, None) if it faults.
 
-        A fault adds the obligation that `path` does not hold.
+        A fault adds the obligation that `path` is false.
         """
         outside, self.operations.path = self.operations.path, path
         try:
@@ -85,9 +85,9 @@ class CodeReader:
     def _read_both_sides(
         self, c: Value, then: Callable[[], Value], otherwise: Callable[[], Value]
     ) -> tuple[tuple[bool, Value], tuple[bool, Value]]:
-        """What `run_under` gives of both sides of an undecided branch; StepFault where both fault.
+        """The `run_under` results of both sides of a branch; raises StepFault if both fault.
 
-        A variable that only one side has is read by nobody afterwards: the language refuses that.
+        Nothing reads a variable of only one side later: the language refuses that.
         """
         path, make = self.operations.path, self.operations
         first = self.run_under(make.and_of(path, c), then)
@@ -104,7 +104,7 @@ class CodeReader:
     # ------------------------------------------------------------ statements
 
     def run_block(self, body: Sequence[t.TypedStmt], frame: CallFrame) -> Value | None:
-        """Runs statements; gives the value of a `return` among them, or None."""
+        """Runs statements; returns the value of the first `return`, or None without a `return`."""
         todo = list(body)
         while todo:
             self._count_step()
@@ -191,9 +191,9 @@ class CodeReader:
             )
 
     def replace_part(self, of: Type, whole: Value, keys: Sequence[Value], new: Value) -> Value:
-        """The value with the part at these indices replaced by `new`; `of` is its type.
+        """The value, of type `of`, with the part at these indices replaced by `new`.
 
-        NotRecheckedError for an index that depends on inputs.
+        Raises NotRecheckedError for an index that depends on inputs.
         """
         if not keys:
             return new
@@ -213,7 +213,7 @@ class CodeReader:
         return self.value_of(expr, CallFrame(dict(variables or {})))
 
     def value_of(self, e: t.TypedExpr, frame: CallFrame) -> Value:
-        """The value of an expression in a call; NotRecheckedError for a construct unknown here."""
+        """An expression's value in a call; raises NotRecheckedError for unknown constructs."""
         self._count_step()
         reading = self.readings.get(type(e))
         if reading is None:
@@ -239,7 +239,7 @@ class CodeReader:
         return self.operations.arithmetic(e.op, a, b)
 
     def operand(self, e: t.TypedExpr, frame: CallFrame) -> Value:
-        """The value of an operand; a reader may read operands in its own way."""
+        """The value of an operand; subclasses may read operands differently."""
         return self.value_of(e, frame)
 
     def _short_circuit(self, e: t.TypedBinary, a: Value, frame: CallFrame) -> Value:
@@ -273,7 +273,7 @@ class CodeReader:
         return self.operations.choice_of(e.type, c, a, b) if fine and well else (a if fine else b)
 
     def result_of_call(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
-        """Reads the body of a function; gives its result. NotRecheckedError if it is extern."""
+        """Reads a function's body, and returns the result. Raises NotRecheckedError if extern."""
         if fun.body is None:
             raise NotRecheckedError(f"`{fun.name}` is an extern function: its values are unknown")
         inner = CallFrame(dict(zip(fun.parameters, arguments, strict=True)), result=fun.result)
@@ -348,7 +348,7 @@ class Surroundings:
 
 
 class SymbolicReader(CodeReader):
-    """Reads code into terms; `rounded`: as the machine computes it, otherwise as real numbers."""
+    """Reads code into terms; `rounded`: as the machine computes, else as real numbers."""
 
     def __init__(self, terms: Terms, around: Surroundings, *, rounded: bool = True) -> None:
         super().__init__(Operations(terms, rounded=rounded), around.params)
@@ -368,9 +368,9 @@ class SymbolicReader(CodeReader):
         variables: Mapping[t.Variable, Value],
         claimed: Ranges = MappingProxyType({}),
     ) -> dict[t.TopicSymbol, Value]:
-        """Topic -> the value that a step publishes on it; NotRecheckedError if it always faults.
+        """Maps each topic to the value that a step publishes on it.
 
-        `claimed`: ranges in which the step is to leave numbers of variables, as obligations.
+        Raises NotRecheckedError if it always faults. `claimed`: required ranges of variables.
         """
         frame = CallFrame(dict(variables))
 
@@ -392,7 +392,7 @@ class SymbolicReader(CodeReader):
     def value_of(self, e: t.TypedExpr, frame: CallFrame, *, rows: bool = False) -> Value:
         """The value of an expression: an int stays an int, and a bool a bool, by its static type.
 
-        `rows`: a row of a table may be given unread, as one of its numbers is asked for next.
+        With `rows`, a row of a table may stay unread, as one of its numbers is needed next. Raises
         NotRecheckedError for a bool that is neither known nor a proposition.
         """
         value = super().value_of(e, frame)
@@ -405,9 +405,9 @@ class SymbolicReader(CodeReader):
         return value
 
     def result_of_call(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
-        """The result of a call; a prelude function of terms is what it means, with its error bound.
+        """The result of a call; a prelude function of terms gives its exact value and error bound.
 
-        Of known numbers it gives what the machine makes of them, in a flow, too.
+        For known numbers it gives the machine's result, also in a flow.
         """
         make = self.operations
         if fun.prelude and any(isinstance(x, Linear) for x in arguments):

@@ -34,14 +34,14 @@ class SymbolicInt(Linear):
 
 @dataclass(eq=False)
 class Rows:
-    """A row of a table, at an index that depends on inputs; its numbers are not read yet."""
+    """A row of a table at an index that depends on inputs; the numbers are not read yet."""
 
     elements: Sequence[tuple[Value, ...]]
     index: Linear
 
 
 def as_truth(x: bool | Proposition) -> Proposition:
-    """A bool as a proposition; NotRecheckedError for any other value."""
+    """A bool as a proposition. Raises NotRecheckedError for any other value."""
     if isinstance(x, Proposition):
         return x
     if not isinstance(x, bool):
@@ -50,7 +50,7 @@ def as_truth(x: bool | Proposition) -> Proposition:
 
 
 def as_bool(x: Proposition) -> bool | Proposition:
-    """The bool that a decided proposition is; an undecided proposition is given back."""
+    """Converts a decided proposition to a bool; returns an undecided proposition unchanged."""
     return x.value if x.kind == "constant" else x
 
 
@@ -60,7 +60,7 @@ def is_known(x: Value) -> bool:
 
 
 def is_identical(a: Value, b: Value) -> bool:
-    """Whether two known numbers are the same, sign of zero and type included."""
+    """Whether two known numbers are the same, including the sign of zero and the type."""
     return bool(a == b) and repr(a) == repr(b)
 
 
@@ -70,7 +70,7 @@ def map_leaves(f: Callable[[Value], Value], x: Value) -> Value:
 
 
 def zip_leaves(f: Callable[[Value, Value], Value], a: Value, b: Value) -> Value:
-    """The value of `f` on each pair of scalar leaves of two values of one shape."""
+    """The results of `f` on each pair of scalar leaves of two values with the same shape."""
     if isinstance(a, tuple):
         return tuple(zip_leaves(f, x, y) for x, y in zip(a, b, strict=True))
     return f(a, b)
@@ -82,9 +82,9 @@ def scalar_leaves(x: Value) -> list[Value]:
 
 
 def value_of_leaves(of: Type, values: Sequence[Value]) -> Value:
-    """The value of a type without lists that has these scalar leaves.
+    """The value of a type without lists that is made of these scalar leaves.
 
-    NotRecheckedError where leaves are left over.
+    Raises NotRecheckedError if some leaves are left over.
     """
     left = list(values)
 
@@ -100,12 +100,12 @@ def value_of_leaves(of: Type, values: Sequence[Value]) -> Value:
 
 
 def symbolic_int(x: Linear) -> Linear:
-    """A term, as an int: the term must be a whole number."""
+    """A term as an int; the term must be a whole number."""
     return SymbolicInt(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
 
 
 def index_in_range(index: int, size: int) -> int:
-    """The index, if it is in range; otherwise StepFault."""
+    """Returns the index if it is in range; raises StepFault otherwise."""
     if 0 <= index < size:
         return index
     raise arith.StepFault(arith.FaultKind.INDEX)

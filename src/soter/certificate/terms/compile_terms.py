@@ -61,7 +61,7 @@ TAIL = 4
 
 
 class AffineForms:
-    """Rows and ranges of terms over the form of a set, as values of one program (`make`)."""
+    """Rows and ranges of terms over the form of a set, as values of a program (`make`)."""
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class AffineForms:
         *,
         noisy: bool = False,
     ) -> None:
-        """`noisy`: a noise for each state stands behind the form, and is added to the state."""
+        """`noisy`: after the form follows a noise for each state, which is added to the state."""
         self.terms, self.states, self.boxes = terms, states, boxes
         self.make = make = Builder()
         self.symbols = range(symbols)
@@ -100,7 +100,7 @@ class AffineForms:
         self._keep: list[object] = []
 
     def enter_box(self, index: int, atom: Atom) -> None:
-        """Enters row and range of an input that the form does not describe: its box or domain."""
+        """Enters row and range of an input outside the form, from its box or its domain."""
         low, high = self.boxes.get(index, (atom.low, atom.high))
         middle, half = (low + high) * HALF, (high - low) * HALF
         self.free[index] = self.make.constant(middle), self.make.constant(half)
@@ -134,7 +134,7 @@ class AffineForms:
         return sums, self.make.sum(constants), self.make.sum(spreads)
 
     def row_over_states(self, row: Row) -> Row:
-        """The row with inputs that the form does not describe moved into constant and spread."""
+        """The row with the inputs outside the form moved into its constant and spread."""
         factors, constant, spread = row
         free = [(f, *self.free[a]) for a, f in factors.items() if a in self.free]
         return (
@@ -160,7 +160,7 @@ class AffineForms:
         return centre - radius, centre + radius
 
     def term_ends(self, x: Linear) -> Ends:
-        """The ends of a term's range on the set; limits that are reached exactly stay exact."""
+        """The ends of a term's range on the set; a limit that is reached exactly stays exact."""
         ends: Ends = self.value_made_once("range", x, self._new_range)
         return ends
 
@@ -184,7 +184,7 @@ class AffineForms:
         return self.make.apply("larger", low, least), self.make.apply("smaller", high, most)
 
     def term_ends_by_atoms(self, x: Linear) -> Ends:
-        """The range of a term from ranges of its atoms; it is exact where a limit is reached."""
+        """The range of a term from the ranges of its atoms; exact if a limit is reached."""
         lows: list[arb | Value] = [x.const - x.radius]
         highs: list[arb | Value] = [x.const + x.radius]
         for a, c in x.terms.items():
@@ -198,7 +198,7 @@ class AffineForms:
 
 
 def enter_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> None:
-    """Enters row and range of every atom that the roots need, arguments first."""
+    """Enters row and range of each atom that the roots need; arguments come first."""
     for index in sorted(atoms_under(forms.terms, roots)):
         atom = forms.terms.atoms[index]
         if index in forms.centre:
@@ -214,7 +214,7 @@ def enter_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> No
 
 
 def _replace_row_by_range(forms: AffineForms, index: int) -> None:
-    """Replaces the row of an atom by its range, where the range has the smaller spread."""
+    """Replaces the row of an atom by its range if the range has the smaller spread."""
     row, offset, rest = forms.rows[index]
     _, _, more = forms.row_over_states((row, forms.make.zero, forms.make.zero))
     ends = offset, rest, *forms.bounds[index], more
@@ -223,7 +223,7 @@ def _replace_row_by_range(forms: AffineForms, index: int) -> None:
 
 
 def _scale_row(weight: Value, row: dict[int, Value]) -> dict[int, Value]:
-    """A row times a weight; a weight of 0 gives 0 also where the row is infinite."""
+    """A row times a weight; a weight of 0 gives 0 even if the row is infinite."""
     return {j: weight.make.apply("share", weight, x) for j, x in row.items()}
 
 
@@ -233,7 +233,7 @@ def _add_rows(forms: AffineForms, rows: Sequence[dict[int, Value]]) -> dict[int,
 
 
 def _enclose_function(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """Row and range of a function: its line, with the rows of its arguments in their places."""
+    """The row and range of a function: its line, applied to the rows of its arguments."""
     make = forms.make
     ends = [end for x in atom.arguments for end in forms.term_ends(x)]
     rows, constants, rests = zip(*map(forms.row_of, atom.arguments), strict=True)
@@ -273,7 +273,7 @@ def _enclose_max0(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _enclose_product(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """Row and range of a b = a_m b + b_m a - a_m b_m + (a - a_m) (b - b_m), a_m, b_m middles."""
+    """Row and range of a b = a_m b + b_m a - a_m b_m + (a - a_m) (b - b_m), by middles a_m, b_m."""
     make = forms.make
     ends = [forms.term_ends(x) for x in atom.arguments]
     a_m, b_m = (make.apply("mid", (low + high) * HALF) for low, high in ends)
@@ -290,7 +290,7 @@ def _enclose_product(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _enclose_extreme(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """Row and range of min(a, b) = b - rest or max(a, b) = b + rest: a or b alone if certain."""
+    """The row and range of min(a, b) or max(a, b), as b -+ rest; only a or b if that is certain."""
     b, rest, a = atom.arguments
     make, sign = forms.make, -ONE if atom.kind == "min" else ONE
     (apart,) = forms.terms.atoms[rest.atom].arguments
@@ -314,7 +314,7 @@ def _enclose_extreme(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _enclose_choice(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """Row and range of a choice: a or b where it is certain, else (a + b)/2 +- |a - b|/2."""
+    """The row and range of a choice: a or b if it is certain, else (a + b)/2 +- |a - b|/2."""
     make = forms.make
     a, b, difference = atom.arguments
     assert atom.condition is not None
@@ -335,13 +335,13 @@ def _enclose_choice(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _enclose_difference(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """Row and range of a difference; the range is no wider than those of its two numbers allow."""
+    """The row and range of a difference; the two numbers limit its range."""
     ends, (low, high), (least, most) = map(forms.term_ends, atom.arguments)
     return forms.row_of(atom.arguments[0]), forms.tighter_ends(low - most, high - least, *ends)
 
 
 def _enclose_spread(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """Row and range of any number no larger than the weighted sum of the arguments' sizes."""
+    """The row and range of any number up to the weighted sum of the arguments' sizes."""
     size = forms.make.sum(
         weight * forms.make.apply("max", *map(abs, forms.term_ends(x)))
         for weight, x in zip(atom.weights, atom.arguments, strict=True)
@@ -350,7 +350,7 @@ def _enclose_spread(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def truth_value(forms: AffineForms, x: Proposition) -> Value:
-    """The value of a proposition's bits: bit 0: it may be false, bit 1: it may be true."""
+    """The bits of a proposition as a value: bit 0, may be false; bit 1, may be true."""
     bits: Value = forms.value_made_once("truth", x, partial(_new_truth, forms))
     return bits
 
@@ -366,7 +366,7 @@ def _new_truth(forms: AffineForms, x: Proposition) -> Value:
 
 
 def demand_truths(forms: AffineForms, must: Sequence[Proposition]) -> None:
-    """Lets the program return nothing where one of these truths is uncertain."""
+    """Makes the program return nothing if one of these truths is uncertain."""
     for truth in must:
         forms.make.apply(DEMAND, truth_value(forms, truth))
 
@@ -396,7 +396,7 @@ def compile_step(
 ) -> Step:
     """The function `form -> (form of the outputs, (low, high) of each of `ranges`)`.
 
-    It gives None where something in `must` is not certain. `states`: atoms that the form describes;
+    It returns None if something in `must` is uncertain. `states`: atoms that the form describes;
     every other input ranges over its box in `boxes`, or else over its domain.
     """
     forms = AffineForms(terms, states, symbols, boxes or {})
@@ -425,12 +425,12 @@ def compile_lines(
     *,
     noisy: bool = False,
 ) -> Function:
-    """The function `form -> row, row, ...`; it gives None where something in `must` is uncertain.
+    """The function `form -> row, row, ...`; it returns None if something in `must` is uncertain.
 
     For every point of the form: output = sum coefficient * input + constant +- spread, and the
-    output lies in [low, high]. Inputs that the form does not describe range over `boxes`, or over
-    their domains. `noisy`: behind the form stands by how much each input may be off its point;
-    coefficients are those on the point, and the ends of the form are those of the input.
+    output lies in [low, high]. Inputs outside the form range over `boxes` or over their domains.
+    `noisy`: after the form follows how far each input may be off its point; coefficients are of the
+    point, and the ends of the form are those of the input.
     """
     forms = AffineForms(terms, inputs, symbols, boxes, noisy=noisy)
     enter_atoms(forms, [*outputs, *must])
@@ -449,7 +449,7 @@ def compile_truths(
     truths: Sequence[Proposition],
     boxes: Mapping[int, tuple[arb, arb]],
 ) -> Function:
-    """The function `form of a box -> bits of each truth`: bit 0: may be false, 1: may be true."""
+    """The function `form of a box -> bits of each truth`: bit 0, may be false; 1, may be true."""
     forms = AffineForms(terms, states, 0, boxes)
     enter_atoms(forms, truths)
     return Function(forms.make, forms.length, [truth_value(forms, x) for x in truths])
@@ -464,7 +464,7 @@ def all_certain(terms: Terms, truths: Sequence[Proposition]) -> bool:
 
 
 def form_of_box(box: Sequence[tuple[arb, arb]], *, symbols: bool) -> tuple[arb, ...]:
-    """The form of a box; each axis has a symbol of its own where `symbols`."""
+    """The form of a box; with `symbols`, each axis gets a separate symbol."""
     ends, centres = [e for i in box for e in i], [(low + high) * HALF for low, high in box]
     radii = [(high - low) * HALF for low, high in box]
     n = range(len(box) if symbols else 0)

@@ -55,7 +55,7 @@ def exact(value: float | Fraction) -> arb:
 
 
 def lower(x: arb) -> float:
-    """A double that is no larger than any number in the ball; -inf where there is none."""
+    """A double that is at most every number in the ball; -inf if no double is."""
     near = float(x)
     if x >= near:
         return near
@@ -67,7 +67,7 @@ def lower(x: arb) -> float:
 
 
 def greatest_below(bound: float, added: float) -> float:
-    """The greatest double whose rounded sum with `added` does not exceed the bound."""
+    """The greatest double whose rounded sum with `added` is at most `bound`."""
     step = 4 * max(math.ulp(bound), math.ulp(added))
     low, high = bound - added - step, bound - added + step
     while (middle := low / 2 + high / 2) not in (low, high):
@@ -76,7 +76,7 @@ def greatest_below(bound: float, added: float) -> float:
 
 
 def upper(x: arb) -> float:
-    """A double that is no smaller than any number in the ball; inf where there is none."""
+    """A double that is at least every number in the ball; inf if no double is."""
     near = float(x)
     if x <= near:
         return near
@@ -88,7 +88,7 @@ def upper(x: arb) -> float:
 
 
 def ball_key(x: arb) -> object:
-    """A key for a ball, the same for equal balls only."""
+    """A key for a ball; only equal balls have equal keys."""
     if not x.is_finite():
         return (arb, id(x))
     return (arb, *x.mid().man_exp(), *x.rad().man_exp())
@@ -105,12 +105,12 @@ def hull(low: arb, high: arb) -> arb:
 
 
 def larger(a: arb, b: arb) -> arb:
-    """The larger one of two lower bounds where that is certain, else the second one."""
+    """The larger of two lower bounds if that is certain, else the second."""
     return max(b, a)
 
 
 def smaller(a: arb, b: arb) -> arb:
-    """The smaller one of two upper bounds where that is certain, else the second one."""
+    """The smaller of two upper bounds if that is certain, else the second."""
     return min(b, a)
 
 
@@ -118,7 +118,7 @@ def smaller(a: arb, b: arb) -> arb:
 
 
 def _clip_to_unit(x: arb) -> arb:
-    """The middle of x, moved into [0, 1]; 1/2 where x is not finite."""
+    """The middle of x, moved into [0, 1]; 1/2 if x is not finite."""
     return x.mid().max(ZERO).min(ONE) if x.is_finite() else HALF
 
 
@@ -140,11 +140,11 @@ def range_max0(low: arb, high: arb) -> tuple[arb, arb]:
 
 
 def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb, arb]:
-    """max(x + n, 0) for x in [low, high], |n| <= noise, is slope x + kept n + offset +- spread.
+    """max(x + n, 0) for x in [low, high], |n| <= noise, as slope x + kept n + offset +- spread.
 
-    Where x + n is never negative it is itself. Elsewhere it lies below the chord of the convex
+    If x + n is never negative, the result is x + n. Otherwise it lies below the chord of the convex
     max(x + noise, 0) and above max(x - noise, 0), which is nearest to a line of that slope at x =
-    noise. This is tighter than a line over x + n where x alone decides.
+    noise. This is tighter than a line over x + n if x alone decides.
     """
     if high + noise <= 0:
         return ZERO, ZERO, ZERO, ZERO
@@ -162,10 +162,10 @@ def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb, arb
 def line_or_range(
     offset: arb, spread: arb, low: arb, high: arb, more: arb = ZERO
 ) -> tuple[arb, arb, arb]:
-    """(weight, offset, spread): 1 with a line's, or 0 with a range's where that has less spread.
+    """(weight, offset, spread): weight 1 for the line, or 0 for the range if it spreads less.
 
     A number in slope x + offset +- spread and in [low, high] is in weight slope x + offset +-
-    spread. `more`: the spread of free inputs in the line, which counts half: it may still cancel.
+    spread. `more`: the line's spread from free inputs, half of which counts, as it may cancel.
     """
     half, least = (high - low) * HALF, spread + more * HALF
     if half < least or not least.is_finite():
@@ -185,7 +185,7 @@ def line_abs(low: arb, high: arb) -> Line:
 
 
 def line_square(low: arb, high: arb) -> Line:
-    """The line over x^2, which is above its middle tangent by the square of the distance."""
+    """The line over x^2: the middle tangent, plus up to the square of the distance from it."""
     middle = ((low + high) * HALF).mid()
     far = abs(high - middle).max(abs(low - middle))
     half = far * far * HALF
@@ -194,7 +194,7 @@ def line_square(low: arb, high: arb) -> Line:
 
 
 def line_floor(low: arb, high: arb) -> Line:
-    """The line over floor(x): a constant where both ends agree, else x - 1/2 +- 1/2."""
+    """The line over floor(x): a constant if both ends agree, else x - 1/2 +- 1/2."""
     first, last = low.lower().floor(), high.upper().floor()
     if first == last:
         return ZERO, first, ZERO, first, last
@@ -202,7 +202,7 @@ def line_floor(low: arb, high: arb) -> Line:
 
 
 def line_truncated(low: arb, high: arb) -> Line:
-    """The line over x rounded towards 0: less than 1 from x, and no farther from 0."""
+    """The line over x rounded towards 0: less than 1 from x, and never farther from 0 than x."""
     first, last = (x.floor() if x >= 0 else x.ceil() for x in (low.lower(), high.upper()))
     if first == last:
         return ZERO, first, ZERO, first, last
@@ -215,8 +215,8 @@ def least_and_greatest(values: Sequence[arb]) -> Range:
     return reduce(arb.min, values), reduce(arb.max, values)
 
 
-def end_values(f: Function, low: arb, high: arb) -> Range:
-    """The range of a function that only rises, or only falls, on [low, high]."""
+def monotone_range(f: Function, low: arb, high: arb) -> Range:
+    """The range of a function that is monotone on [low, high]."""
     return least_and_greatest((f(low), f(high)))
 
 
@@ -230,7 +230,7 @@ def tangent(
 ) -> Line:
     """The line of a smooth f, tangent in the middle: f - tangent = curve(v, f(v)) (x - middle)^2.
 
-    That is so for some v. `curve` is f''/2; `ends` gives the range, used where that is infinite.
+    This holds for some v. `curve` is f''/2; `ends` gives the range, used if `curve` is infinite.
     """
     middle = ((low + high) * HALF).mid()
     far = abs(high - middle).max(abs(low - middle))
@@ -244,15 +244,15 @@ def tangent(
 
 
 def line_inverse(low: arb, high: arb) -> Line:
-    """The line over 1 / x; infinite where x may be 0."""
+    """The line over 1 / x; infinite if x may be 0."""
     if not (low > 0 or high < 0):
         return unbounded_line()
     slope, curve = (lambda v: -1 / (v * v)), (lambda _, y: y * y * y)
-    return tangent(lambda v: 1 / v, slope, curve, end_values, low, high)
+    return tangent(lambda v: 1 / v, slope, curve, monotone_range, low, high)
 
 
 def line_sqrt(low: arb, high: arb) -> Line:
-    """The line over sqrt(x) for those x of the interval that are at least 0."""
+    """The line over sqrt(x) for all x >= 0 of the interval."""
     low = larger(low, ZERO)
     if not low > 0:
         top = high.max(ZERO).upper().sqrt()
@@ -268,9 +268,9 @@ def line_sqrt(low: arb, high: arb) -> Line:
 
 
 def line_soft_sign(low: arb, high: arb) -> Line:
-    """The line over x / (1 + |x|), which rises, is odd, and is concave on x >= 0.
+    """The line over x / (1 + |x|), which rises, is odd, and is concave for x >= 0.
 
-    There it is at most slope x + (1 - sqrt(slope))^2, which a tangent reaches; least at an end.
+    For x >= 0 it is at most slope x + (1 - sqrt(slope))^2, at a tangent; it is least at an end.
     """
     if not (low.is_finite() and high.is_finite()):
         return ZERO, ZERO, ONE, -ONE, ONE
@@ -286,7 +286,7 @@ def line_soft_sign(low: arb, high: arb) -> Line:
 
 
 def unbounded_line() -> Line:
-    """The line over a function that may have any value, or none."""
+    """The line over a function that may have any value or no value."""
     far = arb.pos_inf()
     return ZERO, ZERO, far, -far, far
 
@@ -305,5 +305,5 @@ FUNCTIONS: dict[str, Callable[[arb, arb], Line]] = {
 
 
 def line_function(name: str) -> Callable[..., tuple[arb, ...]]:
-    """The function of ends that gives the line over a function of this name."""
+    """The function of ends that computes the line over the function called `name`."""
     return FUNCTIONS.get(name) or extras.prelude_functions.FUNCTIONS[name]

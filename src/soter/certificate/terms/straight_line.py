@@ -55,11 +55,11 @@ CONSTANT, INPUT = "constant", "input"
 
 
 class NotCertainError(Exception):
-    """A truth on which the program insists may be false."""
+    """A truth that the program demands may be false."""
 
 
 def product_range(low_a: arb, high_a: arb, low_b: arb, high_b: arb) -> tuple[arb, arb]:
-    """The range of a product of numbers in two ranges: its ends are those at their corners."""
+    """The range of the product of numbers in two ranges, from the corners of the ranges."""
     a, b, c, d = low_a * low_b, low_a * high_b, high_a * low_b, high_a * high_b
     return a.min(b).min(c.min(d)), a.max(b).max(c.max(d))
 
@@ -76,12 +76,12 @@ def range_between(
     span: arb,
     grown: arb,
 ) -> tuple[arb, arb]:
-    """The range of a state x between two instants with these ranges, where x' = factor x + rest.
+    """The range of a state x between two instants with these ranges, if x' = factor x + rest.
 
-    `least` and `most` bound x': where these have one sign, x runs from one range to the other.
+    `least` and `most` bound x': if both have the same sign, x runs from one range to the other.
     Otherwise x stays below the solution of y' = factor y + max rest from `high`, which is monotone:
-    y only rises where factor high + max rest > 0, and by that times `grown`, the integral of
-    e^{factor s} over the time. Nor is x further above `high_after` than `least` allows.
+    y only rises if factor high + max rest > 0, and by that times `grown`, the integral of e^{factor
+    s} over the time. Nor is x further above `high_after` than `least` allows.
     """
     if least >= 0:
         return low, high_after
@@ -98,7 +98,7 @@ def range_between(
 def range_after(
     low: arb, high: arb, low_after: arb, high_after: arb, factor: arb, rest: arb, grown: arb
 ) -> tuple[arb, arb]:
-    """The range of a state after a time: the known one, narrowed as `range_between` does."""
+    """The range of a state after a time: the known range, narrowed as `range_between` does."""
     down, up = arb((factor * low + rest).lower()), arb((factor * high + rest).upper())
     return (
         low_after.max(low + down.min(ZERO) * grown),
@@ -114,22 +114,22 @@ def growth_bound(factor: arb, span: arb) -> arb:
 
 
 def truth_bits(yes: bool, no: bool) -> int:
-    """The bits of a proposition that is certainly true (`yes`), false (`no`), or neither."""
+    """The bits of a proposition: 2 if it is certainly true, 1 if certainly false, 3 otherwise."""
     return 2 if yes else (1 if no else 3)
 
 
 def choose_by_truth(truth: int, yes: arb, no: arb, both: arb) -> arb:
-    """`yes` where a proposition is certainly true, `no` where it is false, else `both`."""
+    """Gives `yes` for a certainly true proposition, `no` for a certainly false one, else `both`."""
     return yes if truth == 2 else (no if truth == 1 else both)
 
 
 def weighted_ball(weight: arb, x: arb) -> arb:
-    """`weight * x`; a weight of 0 gives 0, also where x is infinite or no number."""
+    """The product `weight * x`; a weight of 0 gives 0 even if x is infinite or no number."""
     return ZERO if weight.is_zero() else weight * x
 
 
 def require_certain(truth: int) -> None:
-    """`NotCertainError` where a proposition may be false."""
+    """Raises NotCertainError if a proposition may be false."""
     if truth != CERTAIN:
         raise NotCertainError
 
@@ -171,16 +171,16 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 
 
 def operation_named(name: str) -> Callable[..., Any]:
-    """The operation of this name in `OPERATIONS`; `line_f` gives the line over the function f."""
+    """The operation called `name` in `OPERATIONS`; `line_f` computes the line over f."""
     return OPERATIONS.get(name) or line_function(name.removeprefix("line_"))
 
 
 class Value:
-    """One value of a program: an operation's result on other values, a constant, or an input.
+    """A value in a program: the result of an operation, a constant, or an input.
 
-    `content`: a constant's number, an input's place, or which part of a tuple. Values are added,
-    multiplied and compared in size as balls are, and together with balls, so that code which does
-    not branch on numbers computes with either.
+    `content`: a constant's number, an input's place, or which part of a tuple. Values can be added,
+    multiplied and compared in size like balls, and together with balls, so that code that does not
+    branch on numbers works with both.
     """
 
     __slots__ = ("arguments", "content", "make", "operation")
@@ -226,7 +226,7 @@ class Value:
 
 
 class Builder:
-    """Writes a program down: its values, in the order in which they were made."""
+    """Records a program as the list of its values, in the order in which they were made."""
 
     def __init__(self) -> None:
         self.values: list[Value] = []
@@ -241,7 +241,7 @@ class Builder:
         return self._known[key]
 
     def constant(self, x: Any) -> Value:  # noqa: ANN401  a ball, a truth, a table
-        """The value of a constant; equal balls are one value."""
+        """The value of a constant; equal balls share a value."""
         plain = repr(x) if isinstance(x, (int, float)) else id(x)
         key = CONSTANT, (ball_key(x) if isinstance(x, arb) else (type(x), plain))
         if key not in self._known:
@@ -250,13 +250,13 @@ class Builder:
         return self._known[key]
 
     def input_at(self, place: int) -> Value:
-        """The value of the number at a place of the form."""
+        """The value of the number at index `place` of the form."""
         return self._unique(INPUT, (), place)
 
     def apply(self, operation: str, *arguments: Any, content: Any = None) -> Value:  # noqa: ANN401
-        """Enters an operation of `OPERATIONS` on values and constants, and returns its result.
+        """Adds an operation of `OPERATIONS` on values and constants, and returns the result.
 
-        `PART` gives number `content` of a tuple. After `DEMAND` the program gives nothing unless
+        `PART` takes number `content` of a tuple. After `DEMAND` the program returns nothing unless
         the truth is certain.
         """
         values = [x if isinstance(x, Value) else self.constant(x) for x in arguments]
@@ -274,9 +274,9 @@ class Builder:
         return self._unique(operation, tuple(values), content) if same is None else same
 
     def _result_without_operation(self, operation: str, x: Value, y: Value) -> Value | None:
-        """The result of x op y where no operation is needed, else None.
+        """The result of x op y if it needs no operation, else None.
 
-        0 times an unbounded value is 0: wherever the obligations hold that value is a number.
+        0 times an unbounded value is 0: if the obligations hold, that value is a number.
         """
         if operation in ("mul", "share"):
             if self.zero in (x, y):
@@ -289,12 +289,12 @@ class Builder:
         return x if y is self.zero else None
 
     def apply_for_parts(self, operation: str, count: int, *arguments: Number) -> list[Value]:
-        """Enters an operation that gives a tuple, and returns its `count` parts."""
+        """Adds an operation that returns a tuple, and gives the `count` parts of the tuple."""
         whole = self.apply(operation, *arguments)
         return [self.apply(PART, whole, content=k) for k in range(count)]
 
     def sum(self, parts: Iterable[Number]) -> Value:
-        """The sum of the parts, constants first."""
+        """The sum of the parts; constants are added first."""
         total = self.zero
         for x in sorted(parts, key=lambda x: isinstance(x, Value) and not x.is_constant):
             total += x
@@ -302,7 +302,7 @@ class Builder:
 
 
 def apply_operation(operation: str, *arguments: Any, parts: int = 0) -> Any:  # noqa: ANN401
-    """Applies an operation to balls, or enters it for values; `parts`: how many it gives."""
+    """Applies an operation to balls, or records it for values; `parts`: the number of results."""
     for x in arguments:
         if isinstance(x, Value):
             make = x.make
@@ -313,9 +313,9 @@ def apply_operation(operation: str, *arguments: Any, parts: int = 0) -> Any:  # 
 
 
 class Function:
-    """Runs a program on a form: gives the outputs, or None where a demand is not certain.
+    """Runs a program on a form: returns the outputs, or None if a demand is uncertain.
 
-    `after`: how many outputs are in the first of two tuples; None: all come in one tuple.
+    `after`: how many outputs are in the first of two tuples; None: all are in a single tuple.
     """
 
     def __init__(
@@ -325,7 +325,7 @@ class Function:
         outputs: Sequence[Any],
         after: int | None = None,
     ) -> None:
-        """`length`: how many numbers a form has."""
+        """`length` is the number of numbers in a form."""
         outputs = [x if isinstance(x, Value) else builder.constant(x) for x in outputs]
         order = _values_needed(builder.values, outputs)
         constants = [v for v in order if v.is_constant]
@@ -333,7 +333,7 @@ class Function:
         place = {id(v): v.content for v in order if v.operation == INPUT}
         place |= {id(v): length + k for k, v in enumerate((*constants, *steps))}
         self._constants = tuple(v.content for v in constants)
-        self._steps = [_compile_step(v, place) for v in steps]
+        self._steps = [_compiled_step(v, place) for v in steps]
         self._wanted = tuple(place[id(v)] for v in outputs)
         self._after, self._length = after, length
         self._named = tuple(
@@ -341,9 +341,9 @@ class Function:
         )
 
     def __call__(self, form: tuple[Any, ...]) -> Any:  # noqa: ANN401  as was asked for
-        """The outputs for one form; for a form of values of another program they are its values.
+        """The outputs for a form, as numbers; as values for a form of values of another program.
 
-        AssertionError for a form of another length: constants stand behind it.
+        Raises AssertionError for a form of another length, as constants are stored after it.
         """
         if len(form) != self._length:
             raise AssertionError("a form of another length")
@@ -377,7 +377,7 @@ class Function:
 
 
 def _values_needed(values: Sequence[Value], outputs: Sequence[Value]) -> list[Value]:
-    """The values on which outputs and demands depend, in the order in which they were made."""
+    """The values that outputs and demands depend on, in the order in which they were made."""
     needed = {id(v) for v in outputs}
     for v in reversed(values):
         if id(v) in needed or v.operation == DEMAND:
@@ -386,8 +386,8 @@ def _values_needed(values: Sequence[Value], outputs: Sequence[Value]) -> list[Va
     return [v for v in values if id(v) in needed]
 
 
-def _compile_step(v: Value, place: dict[int, int]) -> tuple[Any, Any, Any]:
-    """(operation, place, None), (operation, place, place), or (operation, None, getter of all)."""
+def _compiled_step(v: Value, place: dict[int, int]) -> tuple[Any, Any, Any]:
+    """Compiles a step to its operation with one place, two places, or a getter of all values."""
     operation: Any = itemgetter(v.content) if v.operation == PART else operation_named(v.operation)
     places = [place[id(x)] for x in v.arguments]
     if len(places) == 1:
@@ -421,12 +421,12 @@ def times_column(a: Rows, column: Sequence[Any]) -> list[Any]:
 
 
 def unit_rows(n: int, *, width: int = 0, first: int = 0) -> Rows:
-    """`n` unit vectors as rows: row i has its one in column first + i of n, or `width`, columns."""
+    """`n` unit vectors as rows: row i has its 1 in column first + i of `width` (or n) columns."""
     return [[ONE if k == first + i else ZERO for k in range(width or n)] for i in range(n)]
 
 
 def plus_scaled(a: Rows, b: Rows, factor: Any = ONE) -> Rows:  # noqa: ANN401  a ball or a value
-    """`a + factor b`, row by row."""
+    """The matrix `a + factor b`."""
     return [[x + factor * y for x, y in zip(*rows, strict=True)] for rows in zip(a, b, strict=True)]
 
 
@@ -435,6 +435,6 @@ def side_by_side(a: Rows, b: Rows) -> Rows:
     return [[*x, *y] for x, y in zip(a, b, strict=True)]
 
 
-def sum_of_sizes(row: Sequence[Any], sizes: Sequence[Any]) -> Any:  # noqa: ANN401
-    """A bound of |row . x| for all x with |x_i| at most `sizes[i]`; 0 if there are no sizes."""
+def bound_of_dot(row: Sequence[Any], sizes: Sequence[Any]) -> Any:  # noqa: ANN401
+    """A bound of |row . x| for all x with |x_i| at most `sizes[i]`; 0 without sizes."""
     return dot(list(map(abs, row)), sizes) if sizes else ZERO

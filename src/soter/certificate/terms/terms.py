@@ -43,7 +43,7 @@ LARGEST = exact(2.0**1023)
 
 @dataclass(eq=False)
 class Linear:
-    """const + sum terms[a] * atom a, +- radius; over the whole domain in [low, high]."""
+    """A term: const + sum terms[a] * atom a, +- radius; over the whole domain in [low, high]."""
 
     const: arb
     terms: dict[int, arb]
@@ -67,22 +67,22 @@ class Linear:
 
     @property
     def atom(self) -> int:
-        """The index of the only atom of a term that is a new input or a new atom."""
+        """The index of the single atom in the term of a new input or a new atom."""
         (index,) = self.terms
         return index
 
 
 @dataclass(eq=False)
 class Atom:
-    """An input, or a part of a term that is not linear.
+    """An input, or a nonlinear part of a term.
 
     kind: "state", "box" (an input with fixed range), a function that has lines, "product", "choice"
-    (condition ? arguments[0] : arguments[1], arguments[2] being their difference), "spread"
-    (anything within the sum of weights times |argument|), "table" (values at the whole numbers that
-    are the arguments), "min" and "max" (of arguments[0] and arguments[2], which differ by
-    arguments[1] where that is chosen), "apart" (arguments[0], the difference of the others), "any"
-    (one of several alternatives; behind them the gaps between the first and each of the others).
-    `values`: the table, in C order over `shape`.
+    (condition ? arguments[0] : arguments[1]; arguments[2] is their difference), "spread" (anything
+    within the sum of weights times |argument|), "table" (values at the whole numbers that are the
+    arguments), "min" and "max" (of arguments[0] and arguments[2], which differ by arguments[1] if
+    that is chosen), "apart" (arguments[0], the difference of the others), "any" (one of several
+    alternatives; then the gaps between the first and each other). `values`: the table, in C order
+    over `shape`.
     """
 
     kind: str
@@ -101,7 +101,7 @@ class Atom:
 
 @dataclass(eq=False)
 class Proposition:
-    """A proposition of some kind; "below" says argument < 0, or <= 0 where it is not `strict`."""
+    """A proposition of some kind; "below" means argument < 0, or <= 0 if not `strict`."""
 
     kind: Literal["constant", "below", "not", "and", "or"]
     parts: tuple[Proposition, ...] = ()
@@ -126,7 +126,7 @@ def negation(a: Proposition) -> Proposition:
 
 
 def and_of(a: Proposition, b: Proposition) -> Proposition:
-    """The proposition "`a` and `b`", simplified where one is known."""
+    """The proposition "`a` and `b`", simplified if one of them is known."""
     if a.kind == "constant":
         return b if a.value else a
     if b.kind == "constant":
@@ -135,7 +135,7 @@ def and_of(a: Proposition, b: Proposition) -> Proposition:
 
 
 def or_of(a: Proposition, b: Proposition) -> Proposition:
-    """The proposition "`a` or `b`", simplified where one is known."""
+    """The proposition "`a` or `b`", simplified if one of them is known."""
     if a.kind == "constant":
         return a if a.value else b
     if b.kind == "constant":
@@ -144,9 +144,9 @@ def or_of(a: Proposition, b: Proposition) -> Proposition:
 
 
 def choice_of_truths(c: Proposition, a: Proposition, b: Proposition) -> Proposition:
-    """The proposition `c ? a : b`, simplified where one is known.
+    """The proposition `c ? a : b`, simplified if one of its parts is known.
 
-    It is also true where a and b hold: there it does not matter whether c is certain.
+    It is also true if both a and b hold: then it does not matter whether c is certain.
     """
     if a.kind == "constant":
         return or_of(c, b) if a.value else and_of(negation(c), b)
@@ -156,7 +156,7 @@ def choice_of_truths(c: Proposition, a: Proposition, b: Proposition) -> Proposit
 
 
 def conjuncts(a: Proposition) -> list[Proposition]:
-    """The parts of a proposition, each once, of which it is the conjunction."""
+    """The parts, each once, whose conjunction is the proposition."""
     found, todo = [], [(a, True)]  # whether it holds, or does not
     for x, yes in todo:
         if x.kind in ("not", "and" if yes else "or"):
@@ -169,7 +169,7 @@ def conjuncts(a: Proposition) -> list[Proposition]:
 
 @dataclass(eq=False)
 class Terms:
-    """Builds terms over one list of atoms, whose inputs have a range: their domain."""
+    """Builds terms over a shared list of atoms; each input has a range, its domain."""
 
     atoms: list[Atom] = field(default_factory=list)
     obligations: list[Proposition] = field(default_factory=list)
@@ -198,7 +198,7 @@ class Terms:
         return self.add_atom(Atom(kind, low=low, high=high, name=name))
 
     def add_atom(self, atom: Atom, *, nonnegative: bool = False) -> Linear:
-        """The term of a new atom; NotRecheckedError where there are too many of them."""
+        """The term of a new atom. Raises NotRecheckedError if the atoms become too many."""
         if len(self.atoms) >= self.limit:
             raise NotRecheckedError("the step is too large to be read as one formula")
         self.atoms.append(atom)
@@ -206,7 +206,7 @@ class Terms:
         return Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high, nonnegative)
 
     def apply_function(self, name: str, *arguments: Linear, nonnegative: bool = False) -> Linear:
-        """The term of a function that has lines, over real numbers."""
+        """The term of a real function that has lines."""
         ends: list[arb] = []
         for x in arguments:
             ends += (larger(x.low, ZERO) if x.nonnegative else x.low), x.high
@@ -214,7 +214,7 @@ class Terms:
         return self.add_atom(Atom(name, arguments, low=least, high=most), nonnegative=nonnegative)
 
     def is_outside_state(self, x: Linear) -> bool:
-        """Whether x is the state outside of its grid, which is never at the end of the grid."""
+        """Whether x is the state outside its grid; that state is never at the end of the grid."""
         return self.outside in x.terms and len(x.terms) == 1 and x.radius.is_zero()
 
     # ------------------------------------------------------------ linear operations
@@ -225,9 +225,9 @@ class Terms:
         return Linear(x, {}, ZERO, x, x, nonnegative=value >= 0)
 
     def rounded_term(self, x: Linear) -> Linear:
-        """`x` as a machine rounds it to the nearest double.
+        """The term `x` as a machine rounds it to the nearest double.
 
-        Where it may leave the range of doubles, `beyond` of the result says when it does not.
+        If it may overflow, `beyond` of the result has the conditions under which it does not.
         """
         relative = UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)
         if beyond := self.no_overflow_conditions(x):
@@ -263,7 +263,7 @@ class Terms:
         return combination
 
     def _narrow_range(self, x: Linear) -> None:
-        """Narrows the range of a combination by its atoms, of which some may have cancelled."""
+        """Narrows the range of a combination by its atoms' ranges, as some may have cancelled."""
         low, high = x.const - x.radius, x.const + x.radius
         for index, coefficient in x.terms.items():
             atom = self.atoms[index]
@@ -279,13 +279,13 @@ class Terms:
         return total
 
     def subtract(self, a: Linear, b: Linear) -> Linear:
-        """The difference `a - b`; 0 where both are the same number."""
+        """The difference `a - b`; 0 if both are the same number."""
         if is_same_number(a, b):
             return self.constant(0.0)
         return self.combine(((ONE, a), (-ONE, b)))
 
     def multiply(self, a: Linear, b: Linear) -> Linear:
-        """The product `a * b`; two factors that are not negative make one that is not."""
+        """The product `a * b`; it is marked nonnegative if both factors are."""
         kept = a.nonnegative and b.nonnegative
         if a.is_constant and a.radius.is_zero():
             return replace(self.combine(((a.const, b),)), nonnegative=kept)
@@ -306,9 +306,9 @@ class Terms:
         return self._soft_sign_quotient(a, b) or self.multiply(a, self.apply_function("inverse", b))
 
     def _soft_sign_quotient(self, a: Linear, b: Linear) -> Linear | None:
-        """The quotient a / b if b = k |y| + c, k, c > 0, and a is y times something; else None.
+        """The quotient a / b if b = k |y| + c with k, c > 0, and a is a multiple of y; else None.
 
-        y / b is a soft sign of k y / c over k, at most 1 / k; y times an inverse would be more.
+        y / b is the soft sign of k y / c over k, at most 1 / k; y times an inverse would be larger.
         """
         if len(b.terms) != 1 or not b.radius.is_zero():
             return None
@@ -376,7 +376,7 @@ class Terms:
         )
 
     def term_within_sizes(self, weights: Sequence[arb], arguments: Sequence[Linear]) -> Linear:
-        """A term for any number within sum weight |argument|; 0 where all weights are 0."""
+        """A term for any number of size up to sum weight |argument|; 0 if all weights are 0."""
         kept = [(w, x) for w, x in zip(weights, arguments, strict=True) if not w.is_zero()]
         if not kept:
             return self.constant(0.0)
@@ -389,7 +389,7 @@ class Terms:
     # ------------------------------------------------------------ propositions
 
     def below_zero(self, x: Linear, *, strict: bool = True) -> Proposition:
-        """The proposition `x < 0`; with `strict=False` `x <= 0`."""
+        """The proposition `x < 0`, or `x <= 0` if not `strict`."""
         if x.high < 0 or (not strict and x.high <= 0):
             return TRUE
         if x.low > 0 or (strict and x.low >= 0):
@@ -422,7 +422,7 @@ class Terms:
 
 
 def is_same_number(a: Linear, b: Linear) -> bool:
-    """Whether two terms certainly are one number; rounded ones only where they are one object."""
+    """Whether two terms are certainly the same number; rounded terms only if the same object."""
     if a is b:
         return True
     if not (a.radius.is_zero() and b.radius.is_zero() and a.const == b.const):
@@ -431,12 +431,12 @@ def is_same_number(a: Linear, b: Linear) -> bool:
 
 
 def input_atoms(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
-    """The indices of the inputs on which terms and propositions depend."""
+    """The indices of the inputs that terms and propositions depend on."""
     return {i for i in atoms_under(terms, roots) if terms.atoms[i].kind in ("state", "box")}
 
 
 def atoms_under(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
-    """The indices of every atom that the roots are made of, also through other atoms."""
+    """The indices of all atoms in the roots, including atoms inside other atoms."""
     indices: set[int] = set()
     todo: list[Linear | Proposition] = list(roots)
     while todo:
@@ -452,7 +452,7 @@ def atoms_under(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]
 
 
 def subpropositions(x: Proposition) -> list[Proposition]:
-    """A proposition and all its parts, each once: a shared part is one object."""
+    """A proposition and all its parts, each once; shared parts are the same object."""
     todo, known = [x], {id(x)}
     for p in todo:
         new = {id(q): q for q in p.parts if id(q) not in known}

@@ -60,11 +60,11 @@ SOUND = (
 
 
 def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedModule]:
-    """Checks one module's entry; RejectedError, NotRecheckedError where it is not confirmed."""
-    problem, box, ways = _compare_entry(flat, entry)
+    """Checks a module's entry; raises RejectedError or NotRecheckedError if it is not confirmed."""
+    problem, box, ways = _compared_entry(flat, entry)
     facts, claims = problem.facts, proved_claims(entry["claims"])
     tube = partial(_make_tube, problem, ways, entry["rest"].get(COLLECTS))
-    for show in _functions_that_show(problem, claims, box, ways, tube):
+    for show in _claim_checks(problem, claims, box, ways, tube):
         try:
             show()
         except NotRecheckedError:
@@ -88,8 +88,8 @@ def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedM
 def recheck_plans(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedModule]:
     """Checks the entry of a module with several plans, each as if it alone were SC.
 
-    A claim is confirmed where every plan has it; `start` is about the first plan, which SC follows
-    until the first verdict "AC". The facts are the first plan's; raises as `recheck_rest`.
+    A claim is confirmed if every plan has it; `start` is about the first plan, which SC follows
+    until the first verdict "AC". The facts are the first plan's. Raises as `recheck_rest` does.
     """
     checked = {name: recheck_rest(*of) for name, of in entries_of_plans(flat, entry).items()}
     (facts, report), *others = checked.values()
@@ -102,7 +102,7 @@ def recheck_plans(flat: System, entry: dict[str, Any]) -> tuple[Facts, Rechecked
 
 
 def read_plans(flat: System, entry: dict[str, Any]) -> None:
-    """Reads, as `read_entry`, the entry of a module with several plans."""
+    """Reads the entry of a module with several plans, as `read_entry` does."""
     for of in entries_of_plans(flat, entry).values():
         read_entry(*of)
 
@@ -110,9 +110,9 @@ def read_plans(flat: System, entry: dict[str, Any]) -> None:
 def entries_of_plans(
     flat: System, entry: dict[str, Any]
 ) -> dict[str, tuple[System, dict[str, Any]]]:
-    """Plan -> the system in which it alone is SC, and its entry; "" for a module of one plan.
+    """Maps each plan to a system where it alone is SC, and to its entry; "" for a single plan.
 
-    RejectedError where the plans are others in the program.
+    Raises RejectedError if the program has other plans.
     """
     if "plans" not in entry:
         return {"": (flat, entry)}
@@ -131,9 +131,9 @@ def entries_of_plans(
 
 
 def _plans_alone(flat: System, name: str) -> Iterator[tuple[str, System]]:
-    """Each plan of a module, in order, with the system in which this plan alone is SC.
+    """Yields each plan of a module, in order, with the system in which this plan alone is SC.
 
-    NotRecheckedError where SC, at the number of a plan, does not do what that plan does.
+    Raises NotRecheckedError if SC, at the number of a plan, acts otherwise than this plan.
     """
     for module in (m for m in flat.modules if m.name == name and m.plan is not None):
         symbol, sc = module.symbol, flat.components[module.sc]
@@ -181,7 +181,7 @@ def _map_assumptions(problem: RestProblem) -> Iterator[tuple[str, str]]:
 
 
 def _largest_assumptions(problem: RestProblem) -> Iterator[tuple[str, str]]:
-    """The assumption that each followed state without a smaller set stays below `LARGEST`."""
+    """Yields the assumption that followed states without a smaller set stay below `LARGEST`."""
     for s in problem.followed:
         if max(map(abs, problem.sets[s])) > LARGEST:
             name = problem.facts.states[s].name
@@ -189,18 +189,18 @@ def _largest_assumptions(problem: RestProblem) -> Iterator[tuple[str, str]]:
 
 
 def read_entry(flat: System, entry: dict[str, Any]) -> None:
-    """Reads an entry and compares it with the program; shows nothing, raises as `recheck_rest`."""
+    """Reads an entry and compares it with the program, without a proof; see `recheck_rest`."""
     tube_of_entry(flat, entry)
 
 
 def tube_of_entry(flat: System, entry: dict[str, Any]) -> ModuleTube:
-    """The tube that follows SC as the DM of an entry does; raises as `recheck_rest`."""
-    problem, _, ways = _compare_entry(flat, entry)
+    """The tube that follows SC as the DM of an entry does. Raises as `recheck_rest` does."""
+    problem, _, ways = _compared_entry(flat, entry)
     return _make_tube(problem, ways, entry["rest"].get(COLLECTS))
 
 
 def _make_tube(problem: RestProblem, ways: dict[int, Range], collects: object) -> ModuleTube:
-    """Makes the tube of a module; RejectedError where `collects` names no followed state."""
+    """Makes the tube of a module; raises RejectedError if `collects` names no followed state."""
     if collects is None:
         return ModuleTube(problem, ways)
     require_keys(collects, "state at", COLLECTS)
@@ -212,7 +212,7 @@ def _make_tube(problem: RestProblem, ways: dict[int, Range], collects: object) -
     return CollectingTube(problem, ways, names.index(collects["state"]), (low, high))
 
 
-def _functions_that_show(
+def _claim_checks(
     problem: RestProblem,
     claims: set[str],
     box: dict[int, Range],
@@ -248,10 +248,10 @@ def _moves_entry(problem: RestProblem) -> dict[str, list[str | None]]:
 
 
 def _free_states(problem: RestProblem, entry: object) -> dict[int, Range]:
-    """The states, beside those that `moves` names, of which an entry claims nothing at rest.
+    """The states outside `moves` about which an entry claims nothing at rest.
 
-    That may be said of states without ends: all claims then hold wherever they are.
-    NotRecheckedError where `rest`, or one of their rates, reads one of them.
+    Only states without ends may be free: then all claims hold wherever these states are. Raises
+    NotRecheckedError if `rest` or a rate that it needs reads a free state.
     """
     names = {problem.facts.states[s].name: s for s in problem.returning_states}
     claimed = entry if isinstance(entry, dict) else {}
@@ -263,10 +263,10 @@ def _free_states(problem: RestProblem, entry: object) -> dict[int, Range]:
     return dict.fromkeys(free, (inf, inf))
 
 
-def _compare_entry(
+def _compared_entry(
     flat: System, entry: dict[str, Any]
 ) -> tuple[RestProblem, dict[int, Range], dict[int, Range]]:
-    """Reads the problem, B and Y (`rest_claims.py`); RejectedError where a figure differs."""
+    """Reads the problem, B and Y (`rest_claims.py`); raises RejectedError if a number differs."""
     require_keys(entry, KEYS, "a module")
     rest = entry["rest"]
     problem = read_rest_problem(flat, entry["module"], rest.get("keeps", {}))
@@ -305,7 +305,7 @@ def _compare_entry(
 
 
 def _compare_inputs(facts: Facts, entry: object) -> None:
-    """RejectedError where the manifest has another input, or another range of an input."""
+    """Raises RejectedError if the manifest has another input, or another range of an input."""
     known = [
         {"name": x.name, "kind": x.kind, "low": x.low.hex(), "high": x.high.hex()}
         for x in (*facts.controls, *facts.disturbances, *facts.errors, *facts.others)
@@ -318,7 +318,7 @@ def _compare_inputs(facts: Facts, entry: object) -> None:
 
 
 def _compare_shield(constants: dict[str, int] | None, entry: object) -> None:
-    """RejectedError for other cells, or for times shorter than the program's constants."""
+    """Raises RejectedError for other cells, or for shorter times than the program's constants."""
     if constants is None:
         return
     if not isinstance(entry, dict) or entry.keys() != constants.keys():
@@ -331,7 +331,7 @@ def _compare_shield(constants: dict[str, int] | None, entry: object) -> None:
 
 
 def _compare_reads(problem: RestProblem, entry: dict[str, Any]) -> None:
-    """RejectedError where the DM reads a followed state elsewhere, or with another error E."""
+    """Raises RejectedError if the DM reads a followed state elsewhere or with another error E."""
     states = {problem.field_read(s): s for s in problem.followed}
     if entry.keys() != states.keys():
         raise NotRecheckedError("the states that its check follows are others here")
@@ -344,7 +344,7 @@ def _compare_reads(problem: RestProblem, entry: dict[str, Any]) -> None:
 
 
 def _read_ranges(problem: RestProblem, entry: dict[str, Any], set_name: str) -> dict[int, Range]:
-    """Reads B or Y (`set_name`): the range of each followed state that `moves` does not name."""
+    """Reads B or Y (`set_name`): the range of each followed state outside `moves`."""
     names = {problem.facts.states[s].name: s for s in problem.returning_states}
     if entry.keys() != names.keys():
         raise RejectedError(f"`{set_name}` is not of the states that `rest` does not move")

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class CollectingTube(ModuleTube):
-    """A `ModuleTube` in which runs beyond `ends`, low < high, of one state go on together."""
+    """A `ModuleTube` that follows runs together from when one state comes into the range `ends`."""
 
     def __init__(
         self, problem: RestProblem, ways: Mapping[int, Range], place: int, ends: tuple[arb, arb]
@@ -39,7 +39,7 @@ class CollectingTube(ModuleTube):
         self._place, self._ends = place, ends
 
     def why_not_settled_at(self, body: StateSet, pieces: int, used: int = 0) -> str | None:
-        """The reason, as for a `ModuleTube`; runs from below collect at `low`, others at `high`."""
+        """Why SC may not rest, or None; runs are joined where the state reaches `low` or `high`."""
         (low, high), (least, most) = self._ends, body.box[self._place]
         upwards = bool(least < low)
         if not (upwards or most > high):
@@ -67,7 +67,7 @@ class CollectingTube(ModuleTube):
         return "SC is not certainly at rest in time"
 
     def _parts_below_and_above(self, box: Box, at: arb) -> tuple[Box, Box]:
-        """The parts of a box below and above `at` in the state at `place`; [] for none."""
+        """The parts of a box where the state at `place` is below `at`, and above; [] if empty."""
         (low, high), before, behind = box[self._place], box[: self._place], box[self._place + 1 :]
         below = [] if low > at else [*before, (low, high.min(at)), *behind]
         return below, [] if high < at else [*before, (low.max(at), high), *behind]

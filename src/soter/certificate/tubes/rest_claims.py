@@ -85,11 +85,11 @@ PARTS = 16
 
 
 class NoSlopeError(Exception):
-    """A term may jump in the input, or has an atom whose slope is not known here."""
+    """Raised if a term may jump in the input, or has an atom whose slope is not known."""
 
 
 def slopes_in_input(terms: Terms, x: Linear, at: int) -> arb:
-    """A ball around all slopes of a term in the input that is atom `at`; NoSlopeError if none."""
+    """A ball around the slopes of a term in the input atom `at`; NoSlopeError if it has none."""
     slopes: dict[int, arb] = {at: ONE}
 
     def slopes_of(x: Linear) -> arb:
@@ -117,12 +117,12 @@ def _range_as_ball(x: Linear) -> arb:
 
 
 def _slope_rule(factor: Callable[[arb], arb]) -> Callable[[Atom, list[arb]], arb]:
-    """The rule of a function of one number: the derivative over its range."""
+    """The slope rule of a function of one number: `factor` gives the derivative over a range."""
     return lambda atom, slopes: factor(_range_as_ball(atom.arguments[0])) * slopes[0]
 
 
 def _kink_rule(beneath: arb, between: arb) -> Callable[[Atom, list[arb]], arb]:
-    """The rule of max(x, 0) and |x|: slope 1 above 0, `beneath` below, `between` for both signs."""
+    """The slope rule of max(x, 0) or |x|: 1 if x > 0, `beneath` if x < 0, else `between`."""
 
     def rule(atom: Atom, slopes: list[arb]) -> arb:
         (x,) = atom.arguments
@@ -137,7 +137,7 @@ def _product_rule(atom: Atom, slopes: list[arb]) -> arb:
 
 
 def _extreme_rule(atom: Atom, slopes: list[arb]) -> arb:
-    """The rule of min and max: the slope of the number that it certainly is, else of both."""
+    """The slope of a min or max: that of the argument it surely equals, else of both."""
     one, _, other = atom.arguments
     if one.high <= other.low or other.high <= one.low:
         is_first = (one.high <= other.low) == (atom.kind == "min")
@@ -146,7 +146,7 @@ def _extreme_rule(atom: Atom, slopes: list[arb]) -> arb:
 
 
 def _power_rule(atom: Atom, slopes: list[arb]) -> arb:
-    """The rule of x^y: y x^(y - 1) by x, and x^y log x by y, where that is asked for."""
+    """The slope of x^y: y x^(y - 1) by x, and x^y log x by y if y depends on the input."""
     x, y = map(_range_as_ball, atom.arguments)
     by_x: arb = y * x ** (y - 1) * slopes[0]
     return by_x if slopes[1].is_zero() else by_x + x**y * x.log() * slopes[1]
@@ -179,9 +179,9 @@ _RULES: dict[str, Callable[[Atom, list[arb]], arb]] = {
 
 
 def show_rule_1(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
-    """Shows rule 1 of B (`box`) and Y (`ways`); NotRecheckedError where it is not shown.
+    """Checks rule 1 for B (`box`) and Y (`ways`); raises NotRecheckedError if it is not shown.
 
-    RejectedError where B is not in Y, or Y not in the sets.
+    Raises RejectedError if B does not lie within Y, or Y does not lie within the sets.
     """
     returning, sets = problem.returning_states, problem.sets
     for s in returning:
@@ -189,7 +189,7 @@ def show_rule_1(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
         least, most = ways[s]
         if not sets[s][0] <= least <= low <= high <= most <= sets[s][1]:
             raise RejectedError("P2a: the box of `rest` does not lie within its ways and sets")
-    _show_rest_only_in(problem, box)
+    _require_rest_only_in(problem, box)
     if not returning:
         return
     model = RestModel(problem.facts, (), problem.facts.extents)
@@ -197,7 +197,7 @@ def show_rule_1(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
     turning = problem.facts.turning
     turns, free = (dict.fromkeys(turning, ends) for ends in (A_TURN, (-inf, inf)))
     every = {**box, **turns}, {**ways, **free}, {**box, **free}
-    for group in _state_groups(model, [*returning, *turning]):
+    for group in _independent_state_groups(model, [*returning, *turning]):
         if turning.issuperset(group):
             continue
         flow = TubeFlow(model, group)
@@ -207,8 +207,8 @@ def show_rule_1(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
             raise NotRecheckedError("P2a: SC does not certainly lead back to where `rest` holds")
 
 
-def _state_groups(model: RestModel, members: Sequence[int]) -> list[tuple[int, ...]]:
-    """Groups of states of which no rate and no command reads a state of another group."""
+def _independent_state_groups(model: RestModel, members: Sequence[int]) -> list[tuple[int, ...]]:
+    """Groups of states; no rate or command of one group reads a state of another group."""
     terms, states = model.new_terms()
     controls = new_command_terms(model.facts, terms)
     commands, (rates, _) = model.sc_commands(terms, states), model.rates(terms, states, controls)
@@ -224,7 +224,7 @@ def _state_groups(model: RestModel, members: Sequence[int]) -> list[tuple[int, .
 
 
 def _box_returns(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, cut: int) -> bool:
-    """Whether all runs from `start` are in `way` until some output acts within `end`, in parts."""
+    """Whether runs from `start` stay in `way` until an output acts in `end`; may cut `start`."""
     if _leads_back(chain, start, way, end, holds, PIECES[min(cut, len(PIECES) - 1)]):
         return True
     if cut == SPLITS:
@@ -270,8 +270,8 @@ def _box_of_states(ranges: Ranges, states: tuple[int, ...]) -> Box:
     return [(exact(ranges[s][0]), exact(ranges[s][1])) for s in states]
 
 
-def _show_rest_only_in(problem: RestProblem, box: Ranges) -> None:
-    """NotRecheckedError unless `rest` holds nowhere in the states' sets outside of a box."""
+def _require_rest_only_in(problem: RestProblem, box: Ranges) -> None:
+    """Raises NotRecheckedError unless `rest` is false outside of the box and true at some point."""
     model = RestModel(problem.facts, (), problem.facts.extents)
     rest = ConditionOnBoxes(
         model,
@@ -291,7 +291,7 @@ def _show_rest_only_in(problem: RestProblem, box: Ranges) -> None:
 
 
 def _holds_somewhere(rest: ConditionOnBoxes, box: Box) -> bool:
-    """Whether a condition certainly holds at one of some hundred points of a box."""
+    """Whether the condition certainly holds at any of some hundred points of the box."""
     draw, ends = random.Random(0), [(lower(a), upper(b)) for a, b in box]  # noqa: S311 - no secret
     usual = [(a / 2 + b / 2, min(max(0.0, a), b), a, b) for a, b in ends]
     points = [[draw.choice((*u, draw.uniform(u[2], u[3]))) for u in usual] for _ in range(TRIED)]
@@ -302,7 +302,7 @@ def _holds_somewhere(rest: ConditionOnBoxes, box: Box) -> bool:
 def _is_false_on_slab(
     rest: ConditionOnBoxes, problem: RestProblem, at: dict[int, tuple[arb, arb]], s: int, cut: int
 ) -> bool:
-    """Whether `rest` certainly fails wherever state `s` is in its range, halved if need be."""
+    """Whether `rest` certainly fails wherever state `s` is in its range; may halve the range."""
     if rest.is_certainly_false([at[k] for k in problem.followed]):
         return True
     if cut == HALVINGS:
@@ -317,14 +317,14 @@ def _is_false_on_slab(
 
 
 class AtRest(NamedTuple):
-    """The ranges of the states once `rest` holds, and of the commands that SC then answers."""
+    """The ranges of states at rest, and the ranges of the commands that SC then gives."""
 
     states: dict[int, tuple[arb, arb]]
     commands: list[tuple[arb, arb]]
 
 
 def show_rule_2(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
-    """Shows rule 2 of each state that `moves` names; NotRecheckedError where it is not shown."""
+    """Checks rule 2 for each state that `moves` names; NotRecheckedError if it is not shown."""
     if not problem.moving_states:
         return
     try:
@@ -344,7 +344,7 @@ def show_rule_2(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
 
 
 def _command_ranges(problem: RestProblem, ways: Ranges) -> list[tuple[arb, arb]]:
-    """The range of each command that SC answers to reads in Y, or in what leads to Y within d."""
+    """The range of each command that SC gives for states in Y, or for states up to d before Y."""
     model = RestModel(problem.facts, (), problem.facts.extents)
     members, box = problem.returning_states, _box_of_states(ways, problem.returning_states)
     if problem.times.delay:
@@ -373,7 +373,7 @@ def _command_ranges(problem: RestProblem, ways: Ranges) -> list[tuple[arb, arb]]
 def _is_growth_below(
     problem: RestProblem, z: int, sign: arb, by: float, rests: Ranges, at_rest: AtRest
 ) -> bool:
-    """Whether z grows (`sign` 1), or falls (-1), by at most `by`."""
+    """Whether z grows by at most `by` if `sign` is 1, or falls by at most `by` if it is -1."""
     total, held = ZERO, at_rest
     for x in problem.returning_states:
         if _rate_bound(problem, z, sign, held) <= 0:
@@ -391,7 +391,7 @@ def _rate_bound(problem: RestProblem, z: int, sign: arb, at_rest: AtRest) -> arb
 
 
 def _outweighing_factor(problem: RestProblem, z: int, sign: arb, x: int, at_rest: AtRest) -> float:
-    """A c so that c |x| outweighs what x adds to z'; 0: x adds nothing; inf: no c is known."""
+    """A c such that c |x| outweighs the effect of x on z'; 0 for no effect, inf if unknown."""
     found = [
         _factor_on_side(problem, (z, x), (sign, side), far, at_rest)
         for side, far in zip((-ONE, ONE), at_rest.states[x], strict=True)
@@ -403,7 +403,7 @@ def _outweighing_factor(problem: RestProblem, z: int, sign: arb, x: int, at_rest
 def _factor_on_side(
     problem: RestProblem, of: tuple[int, int], signs: tuple[arb, arb], far: arb, at_rest: AtRest
 ) -> tuple[float, bool]:
-    """(the factor on the side `signs[1]` of x = 0, as far as `far`, whether x adds to z' there)."""
+    """The factor on side `signs[1]` for x up to `far`, and whether x adds to z' on that side."""
     (z, x), (sign, side) = of, signs
 
     def rates_on_span(span: tuple[arb, arb]) -> tuple[Terms, list[Linear], list[Linear]]:
@@ -416,8 +416,10 @@ def _factor_on_side(
         at = states[x].atom
         added.append(_upper_end(side * sign * _slopes_or_nan(terms, rates[z], at)))
         before, adds = adds, adds + exact(added[-1]) * abs(far) / PARTS
-        by_slope.append(_ratio(exact(added[-1]), -_slopes_or_nan(terms, rates[x], at)))
-        by_range.append(_ratio(before.max(adds), -terms.combine(((side, rates[x]),)).high))
+        by_slope.append(_covering_factor(exact(added[-1]), -_slopes_or_nan(terms, rates[x], at)))
+        by_range.append(
+            _covering_factor(before.max(adds), -terms.combine(((side, rates[x]),)).high)
+        )
     terms, _, rates = rates_on_span((ZERO, ZERO))
     first = terms.combine(((side, rates[x]),)).high <= 0
     last = PARTS if first else 0
@@ -436,8 +438,8 @@ def _upper_end(x: arb) -> float:
     return upper(x.upper()) if x.is_finite() else inf
 
 
-def _ratio(adds: arb, falls: arb) -> float:
-    """A c with `adds` <= c `falls`; 0 where nothing is added, inf where there is no such c."""
+def _covering_factor(adds: arb, falls: arb) -> float:
+    """A c with `adds` <= c `falls`; 0 if nothing is added, inf if no such c exists."""
     if not (adds.is_finite() and falls.is_finite()):
         return inf
     if adds <= 0 and falls >= 0:
@@ -446,7 +448,7 @@ def _ratio(adds: arb, falls: arb) -> float:
 
 
 def _rates(problem: RestProblem, at_rest: AtRest) -> tuple[Terms, list[Linear], list[Linear]]:
-    """(terms, states, rates) over `at_rest`; a state that is surely 0 is a constant."""
+    """The terms, the states and their rates over `at_rest`; a state surely 0 is a constant."""
     facts, terms = problem.facts, Terms()
     states = []
     for s, state in enumerate(facts.states):

@@ -74,7 +74,7 @@ UNBOUNDED_END = arb(2) ** 10**6
 
 @dataclass(frozen=True)
 class RestTimes:
-    """Times in ns; `alpha`: the least from an estimate to a complete output; `switches`: N_T."""
+    """Times of a tube in ns. `alpha`: from an estimate to a complete output; `switches`: N_T."""
 
     horizon: int
     alpha: int
@@ -99,7 +99,7 @@ class RestTimes:
 
 @dataclass(eq=False)
 class RestProblem:
-    """One module's problem; `leaves`: followed state -> (topic, leaf) in which its DM sees it."""
+    """The problem of a module. `leaves`: by state, the topic and leaf in which the DM reads it."""
 
     facts: Facts
     rest: RestSymbol
@@ -115,12 +115,12 @@ class RestProblem:
 
     @property
     def default_maps(self) -> dict[int, Value]:
-        """Map -> its value at the start of a run, which is its default."""
+        """By index of a map: its default, which is its value at the start of a run."""
         return {index: self.facts.system.topics[index].default for index in self.maps}
 
     @property
     def map_leaves(self) -> dict[int, list[str]]:
-        """Map -> its fields, which the DM reads, as `topic.leaf`."""
+        """By index of a map: its fields, which the DM reads, as `topic.leaf`."""
         topics = {index: self.facts.system.topics[index] for index in self.maps}
         return {i: [name for _, name, _ in named_leaves(t.name, t.type)] for i, t in topics.items()}
 
@@ -136,15 +136,15 @@ class RestProblem:
         return tuple(s for s in self.followed if s in self.drifts)
 
     def topics_of(self, states: Iterable[int]) -> list[int]:
-        """For each state the topic by which SC sees it: one message shows one instant.
+        """For each state, the index of the topic by which SC sees it.
 
-        For a state that SC does not read it is any topic that shows it.
+        One message shows one instant. For a state that SC does not read, any topic that shows it.
         """
         return [self.leaves[s][0] for s in states]
 
     @property
     def times(self) -> RestTimes:
-        """The time constants of a tube, from the times that claims are held to."""
+        """The time constants of a tube, computed from the times of the module."""
         t, jitter, period = self.facts.times, self.facts.jitter_ns, self.facts.times["delta_ns"]
         horizon, least = t["H_ns"], min(e.least for e in self.facts.setting.effects)
         alpha = max(t["Delta_ns"] - t["J_dm_ns"] + least, horizon - period - jitter)
@@ -173,9 +173,9 @@ class RestProblem:
 
 @dataclass(eq=False)
 class RestModel(CaseModel):
-    """Makes the terms of a module with `rest`; `far`: states without a set go to `UNBOUNDED_END`.
+    """Makes the terms of a module; if `far`, states without a set reach to `UNBOUNDED_END`.
 
-    `known`: the values of maps; a map that is not in it may have any value.
+    `known`: the values of maps; any other map may have any value.
     """
 
     far: bool = True
@@ -188,7 +188,7 @@ class RestModel(CaseModel):
     def topic_terms(
         self, terms: Terms, states: Sequence[Linear], *, errors: bool
     ) -> dict[int, Any]:
-        """Topic -> its value in these states, as for a `CaseModel`, and the values of maps."""
+        """By topic: its value in these states, as in `CaseModel`, and the values of maps."""
         found = super().topic_terms(terms, states, errors=errors)
         for index in map_topics(self.facts):
             topic = self.facts.system.topics[index]
@@ -209,8 +209,8 @@ def read_rest_problem(
 ) -> RestProblem:
     """Reads the problem of the module called `name`; `keeps`: ranges of the floats SC keeps.
 
-    DiffersError where it has no `rest`, NotRecheckedError where we do not understand it,
-    RejectedError where SC keeps other floats, or begins outside of their ranges.
+    Raises DiffersError if the module has no `rest`, NotRecheckedError if we do not support it,
+    RejectedError if SC keeps other floats, or starts with a float outside of its range.
     """
     facts = read_facts(flat, name)
     facts.local_ranges = _local_ranges(facts, keeps)
@@ -231,7 +231,7 @@ def read_rest_problem(
     for s in states:
         if s not in at:
             raise NotRecheckedError(f"no topic that is read shows `{facts.states[s].name}`")
-    _check_sc_reads(facts, {at[s][0] for s in states})
+    _require_sc_topics_known(facts, {at[s][0] for s in states})
     drifts = _drift_ranges(facts, rest)
     within = int(const_value(facts, rest.within))
     leaves_of = {s: at[s] for s in states}
@@ -268,10 +268,10 @@ def _local_ranges(facts: Facts, keeps: Mapping[str, Sequence[str]]) -> Ranges:
 
 
 def read_turns(problem: RestProblem, names: object) -> None:
-    """Enters the angles that need not come back; RejectedError for a name that is no such angle.
+    """Notes the angles that need not come back; RejectedError for a name that is no such angle.
 
-    NotRecheckedError beside a rate that jumps. Each angle is taken to be within three times
-    `THIRD`, where every term is then read.
+    Raises NotRecheckedError if a rate jumps. Each angle is taken to be within three times `THIRD`,
+    and all terms are read there.
     """
     facts = problem.facts
     by_name = {facts.states[s].name: s for s in problem.returning_states}
@@ -300,7 +300,7 @@ def map_topics(facts: Facts) -> tuple[int, ...]:
 
 
 def _require_maps_in_safe_only(facts: Facts, rest: RestSymbol) -> None:
-    """NotRecheckedError for a map that conditions 5 and 7 forbid, or that SC or `rest` reads."""
+    """Raises NotRecheckedError if a map breaks condition 5 or 7, or if SC or `rest` reads it."""
     rest_reads = {facts.module.scope.topics[t] for t in topic_reads(rest.condition)}
     by_sc = {facts.sc.scope.topics[t] for t in topics_read_by_sc(facts.sc)}
     for index in map_topics(facts):
@@ -319,7 +319,7 @@ def _require_maps_in_safe_only(facts: Facts, rest: RestSymbol) -> None:
 
 
 def _require_covered_features(facts: Facts) -> None:
-    """NotRecheckedError for a feature that condition 8 of the theorem, or our code, leaves out."""
+    """Raises NotRecheckedError for a feature that condition 8 or our code excludes."""
     symbol = facts.symbol
     wrong = {
         "plants that move in steps": facts.kind != "flow",
@@ -335,11 +335,11 @@ def _require_covered_features(facts: Facts) -> None:
 
 
 def shield_constants(problem: RestProblem) -> dict[str, int] | None:
-    """The constants of the module's shield, by the program; None where it has no shield.
+    """The constants of the module's shield, by the program; None if the module has no shield.
 
-    NotRecheckedError, RejectedError where we know no argument for it. `any_command_ns`: what SC
-    publishes passes once the next verdict is in force, Delta after the last good one at the
-    earliest, and acts L_min later; the first output that is surely in time acts at H* - A.
+    Raises NotRecheckedError or RejectedError if we know no argument for it. `any_command_ns`: how
+    long any command may act. SC's output acts Delta + L_min after the last good verdict at the
+    earliest; from H* - A on it surely acts.
     """
     facts = problem.facts
     if facts.symbol.shield is None:
@@ -358,7 +358,7 @@ def shield_constants(problem: RestProblem) -> dict[str, int] | None:
 
 
 def states_shown(facts: Facts) -> dict[tuple[int, int], int]:
-    """(topic, leaf) -> the state that a plant publishes there as it is."""
+    """By (topic, leaf): the state that a plant publishes in it directly."""
     found = {}
     for topic, (plant, expr) in driven_topics(facts).items():
         for k, (path, _) in enumerate(leaves(facts.system.topics[topic].type)):
@@ -369,10 +369,10 @@ def states_shown(facts: Facts) -> dict[tuple[int, int], int]:
 
 
 def _state_sets(facts: Facts) -> dict[int, Range]:
-    """The set of each state; (-inf, inf) where nothing bounds it.
+    """By state: the range that its topics allow; (-inf, inf) if nothing bounds it.
 
-    It is the declared set, less the error, of every topic that shows the state: a state in it can
-    be published with any error, also once the sum is rounded.
+    In this range each topic that shows the state stays in its declared set, whatever its error is,
+    also after the sum is rounded.
     """
     ranges = dict.fromkeys(range(len(facts.states)), (-inf, inf))
     errors = {(m.topic, m.leaf): m.bound for c in facts.plants for m in c.measured}
@@ -387,9 +387,9 @@ def _state_sets(facts: Facts) -> dict[int, Range]:
 
 
 def _followed_states(facts: Facts, rest: RestSymbol) -> tuple[int, ...]:
-    """The states on which SC's answers, the conditions, or rates of such states depend.
+    """The states on which SC, the conditions, or the rates of these states depend.
 
-    NotRecheckedError where the solution of another state might end in finite time.
+    Raises NotRecheckedError if the solution of another state might end in finite time.
     """
     model = RestModel(facts, (), facts.extents, far=False)
     terms, states = model.new_terms()
@@ -416,7 +416,7 @@ def _followed_states(facts: Facts, rest: RestSymbol) -> tuple[int, ...]:
 
 
 def cut_point(low: arb, high: arb) -> arb:
-    """The number at which a range is cut: its middle; of a very long one, one between in size."""
+    """The number at which to cut a range: its middle; 0 or a geometric mean if it is very long."""
     far, near = abs(low).max(abs(high)), abs(low).min(abs(high)).max(ONE)
     if far < LARGEST / 2**60 and far < near * 2**20:
         return ((low + high) * HALF).mid()
@@ -427,9 +427,9 @@ def cut_point(low: arb, high: arb) -> arb:
 
 
 def may_be_anywhere(problem: RestProblem, states: AbstractSet[int]) -> bool:
-    """Whether `rest` and the rates of these states read only followed states that are none of them.
+    """Whether `rest` and the rates of `states` read only followed states outside of `states`.
 
-    Then no claim about rest depends on where these states are, and none of them may end.
+    Then no claim about rest depends on where these states are, and no solution for them ends.
     """
     facts = problem.facts
     model = RestModel(facts, (), facts.extents, far=False)
@@ -443,9 +443,9 @@ def may_be_anywhere(problem: RestProblem, states: AbstractSet[int]) -> bool:
 
 
 def state_constraint(model: CaseModel, terms: Terms, states: Sequence[Linear]) -> Proposition:
-    """The proposition C: `safe` holds, and what plants publish lies in its declared set.
+    """The proposition C: `safe` holds, and all that plants publish is in its declared set.
 
-    Its obligations, without which it is not defined, are entered in `terms`.
+    Adds to `terms` the obligations without which the proposition is not defined.
     """
     held = model.truth_of(terms, states, model.facts.symbol.safe, errors=False)
     for topic in bounded_topics(model.facts):
@@ -454,16 +454,16 @@ def state_constraint(model: CaseModel, terms: Terms, states: Sequence[Linear]) -
 
 
 def _estimate_leaves(facts: Facts) -> dict[int, tuple[int, int]]:
-    """State -> (topic, leaf) in which the DM sees it; a topic that SC reads, too, goes first."""
+    """By state: the topic and leaf in which the DM sees it, if possible a topic that SC reads."""
     by_dm, by_sc = (set(of) for of in topics_read(facts))
     known = [(at, s) for at, s in states_shown(facts).items() if at[0] in by_dm]
     return {s: at for at, s in sorted(known, key=lambda of: of[0][0] in by_sc)}
 
 
-def _check_sc_reads(facts: Facts, estimate: set[int]) -> None:
-    """NotRecheckedError where SC sees a plant by a topic that the DM does not read (condition 2).
+def _require_sc_topics_known(facts: Facts, estimate: set[int]) -> None:
+    """Raises NotRecheckedError if SC sees a plant by a topic that the DM does not read.
 
-    So it is where two topics show SC one state, as each has an age and an error of its own.
+    It also raises it if two topics show SC one state, as their ages and errors differ.
     """
     _, by_sc = topics_read(facts)
     seen = [state for (topic, _), state in states_shown(facts).items() if topic in by_sc]
@@ -477,7 +477,7 @@ def _check_sc_reads(facts: Facts, estimate: set[int]) -> None:
 
 
 def _drift_ranges(facts: Facts, rest: RestSymbol) -> dict[int, Range]:
-    """State that `moves` names -> how far down and up SC may move it."""
+    """By state that `moves` names: how far down and how far up SC may move it."""
     found, known = {}, states_shown(facts)
     for move in rest.moves:
         topic = facts.module.scope.topics[move.topic]

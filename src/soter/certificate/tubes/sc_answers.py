@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.certificate.extras.left_out_states import THIRD
 from soter.certificate.extras.sc_locals_and_modes import combinations_of_locals
-from soter.certificate.reading.case_model import command_term, step_of_sc
+from soter.certificate.reading.case_model import command_term, sc_step_reader
 from soter.certificate.reading.module_facts import topics_read_by_sc
 from soter.certificate.reading.symbolic_values import value_of_leaves
 from soter.certificate.report import NotRecheckedError
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 def show_answers(problem: RestProblem) -> None:
     """Shows that SC faults on no values that its topics may hold, and answers within its sets.
 
-    Its locals may be anything in their ranges, and stay there; a leaf without a set is at most
-    `LARGEST`. NotRecheckedError where that is not shown, and where SC reads other types than float.
+    The locals of SC may have any value in their ranges, and must stay there; a leaf without a set
+    is at most `LARGEST`. Raises NotRecheckedError if this is not shown, or if SC reads non-floats.
     """
     facts, terms, known = problem.facts, Terms(), {}
     shown = states_shown(facts)
@@ -45,7 +45,7 @@ def show_answers(problem: RestProblem) -> None:
             parts.append(terms.add_input("box", topic.name, *map(exact, ends)))
         known[symbol] = value_of_leaves(topic.type, parts)
     assert facts.sc.node is not None
-    step = step_of_sc(terms, facts.sc, known, {}, facts.local_ranges)
+    step = sc_step_reader(terms, facts.sc, known, {}, facts.local_ranges)
     for values_of_locals in combinations_of_locals(terms, facts.sc.node.locals, facts.local_ranges):
         published = step(values_of_locals)
         for control in facts.controls:

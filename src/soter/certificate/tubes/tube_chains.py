@@ -85,22 +85,22 @@ FINE = 1400
 
 
 class TubeFlow(LocalFlow):
-    """The flow of a tube, where the time in which two commands may act is a step of its own."""
+    """The flow of a tube; the time in which two commands may act is a separate step."""
 
     apart = True
 
     def least_step_count(self, span: Fraction) -> int:
-        """1: the tube says where a span is cut."""
+        """Gives 1, as the tube itself decides where to cut a span."""
         del span
         return 1
 
 
 @dataclass(eq=False)
 class StateSet:
-    """All states of a run at an instant: each in its interval of `box`, and in its row.
+    """All states of a run at an instant: each state is in its interval of `box` and in its row.
 
-    A row: a constant, and factors of unknowns in [-1, 1] that all rows share. `memory`: the rows of
-    commands that may still act, the latest first, with `ranges`; empty where any may have acted.
+    A row is a constant and the factors of unknowns in [-1, 1], which all rows share. `memory` and
+    `ranges`: of the commands that may still act, latest first; empty if any may have acted.
     """
 
     box: Box
@@ -120,7 +120,7 @@ class StateSet:
 
 
 class TubeChain(FlowChain):
-    """Makes the state sets of one tube; `NotCertainError` where a step finds no enclosure.
+    """Makes the state sets of one tube; raises `NotCertainError` if a step finds no enclosure.
 
     `messages`: for each state the topic by which SC sees it.
     """
@@ -141,25 +141,27 @@ class TubeChain(FlowChain):
     # ------------------------------------------------------------ steps
 
     def follow_hold(self, body: StateSet, pieces: int) -> tuple[StateSet, list[Box]]:
-        """Follows SC's next command until the one after it may act: the set then, and the boxes.
+        """Follows SC's next command until the following one may act; gives that set and the boxes.
 
-        Where commands may act late the first box has all states in which this command begins to
-        act. `pieces`: into how many steps the hold is cut.
+        If commands may act late, the first box has all states in which this command starts to act.
+        `pieces`: the number of steps into which the hold is cut.
         """
         fresh = not body.memory and self.depth > 0
         start = self._opened_rows(body)
         new = self._answer_of_sc(start, fresh=fresh)
-        way, tube = self._lead_over(start, new, self.spans(pieces, fresh=fresh or not self.depth))
+        way, tube = self._lead_over_steps(
+            start, new, self.spans(pieces, fresh=fresh or not self.depth)
+        )
         return self._next_set(start, way, new), _split_into_boxes(tube, self.n)
 
     def follow_any_commands(self, body: StateSet, span: Fraction) -> tuple[StateSet, list[Box]]:
-        """Follows any commands for `span` s: the set then, and the boxes until then."""
+        """Follows any commands for `span` s; gives the set at the end, and the boxes until then."""
         start = self._opened_rows(StateSet(body.box, body.rows, [], []))
-        way, tube = self._lead_over(start, self._any_commands(start), [(span, NOW)])
+        way, tube = self._lead_over_steps(start, self._any_commands(start), [(span, NOW)])
         return self._next_set(start, way, None), _split_into_boxes(tube, self.n)
 
     def at_some_instant(self, body: StateSet, span: Fraction) -> StateSet:
-        """The set of all states at some instant of the next `span` s, under any commands."""
+        """The set of all states that may occur within the next `span` s, under any commands."""
         start = self._opened_rows(StateSet(body.box, body.rows, [], []))
         way = self._states_in_span(
             start, (NOW, span), self._any_commands(start), self.flow.ranges, []
@@ -169,11 +171,11 @@ class TubeChain(FlowChain):
     # ------------------------------------------------------------ what SC reads
 
     def _answer_of_sc(self, start: OpenedForm, *, fresh: bool) -> CommandRows:
-        """As a `FlowChain` has it, but the states of one message are known to be of one instant.
+        """SC's answer, as in `FlowChain`, but all states of a message are those of one instant.
 
-        A read of t + m + h e, |e| <= 1, m the middle of its span, has h e (c + sum g_k e_k) of a
-        rate c + sum g_k e_k. For each message e and the products e e_k are unknowns, each a number
-        in [-1, 1], and the rows of z before the last errors are these sums, one for each state.
+        A read at t + m + h e, with |e| <= 1 and m the middle of its span, adds h e (c + sum g_k
+        e_k) if the rate is c + sum g_k e_k. Each message has the unknowns e and e e_k, which are
+        numbers in [-1, 1]; the rows of z before the last errors are these sums, one for each state.
         """
         self._known = len(start.z[0]) - self.q
         added = len(set(self._messages)) * self._known
@@ -228,7 +230,7 @@ class TubeChain(FlowChain):
         return OpenedForm([*body.box, *ranges], z, [])
 
     def _next_set(self, start: OpenedForm, way: StateRows, new: CommandRows | None) -> StateSet:
-        """The set after a step; `new`: the command that acts now, None where any may act."""
+        """The state set after a step; `new` is the command that acts now, None if any may act."""
         rows = product(way.rows, start.z)
         memory, ranges = [], []
         if new is not None and self.depth:
@@ -241,7 +243,7 @@ class TubeChain(FlowChain):
         return StateSet(list(way.box), rows, memory, ranges)
 
     def _with_own_rest(self, row: list[Any], i: int, way: StateRows) -> list[Any]:
-        """A state's row with its rest as a new unknown; its range alone if that is half as wide."""
+        """Adds the rest of a state as an unknown to its row; the range if that is half as wide."""
         unknowns = [ZERO] * self.n
         unknowns[i] = way.rest[i]
         low, high = way.box[i]
@@ -262,7 +264,7 @@ def _unshared_size(column: list[float], whole: list[float]) -> float:
     return sum(shares) - max(shares)
 
 
-def _own_unknown(i: int, rows: int, left: Sequence[Sequence[Any]]) -> list[Any]:
+def _factors_of_left_columns(i: int, rows: int, left: Sequence[Sequence[Any]]) -> list[Any]:
     factors = [ZERO] * (rows if left else 0)
     if left:
         factors[i] = absolute_sum([c[i] for c in left])
@@ -270,7 +272,7 @@ def _own_unknown(i: int, rows: int, left: Sequence[Sequence[Any]]) -> list[Any]:
 
 
 def _with_fewer_unknowns(rows: Rows, memory: Rows) -> tuple[Rows, Rows]:
-    """Rows with at most `COLUMNS` shared unknowns and one each; the most shared ones stay."""
+    """Rows with the `COLUMNS` most shared unknowns at most, and one more unknown for each row."""
     every = [*rows, *memory]
     columns = [c for c in zip(*(row[1:] for row in every), strict=True) if any(c)]
     sizes = [[float(abs(x.mid())) for x in c[: len(rows)]] for c in columns]
@@ -281,12 +283,12 @@ def _with_fewer_unknowns(rows: Rows, memory: Rows) -> tuple[Rows, Rows]:
     left = [columns[k] for k in order[COLUMNS:]]
     made = []
     for i, row in enumerate(every):
-        made.append([row[0], *(c[i] for c in kept), *_own_unknown(i, len(every), left)])
+        made.append([row[0], *(c[i] for c in kept), *_factors_of_left_columns(i, len(every), left)])
     return made[: len(rows)], made[len(rows) :]
 
 
 class ConditionOnBoxes:
-    """A condition on true states, asked of boxes of `members`; other states may be anywhere."""
+    """A condition on the true states, asked of boxes of `members`; others may be anywhere."""
 
     def __init__(
         self,
@@ -325,10 +327,10 @@ class ConditionOnBoxes:
 
 
 class ModuleTube:
-    """Follows SC of one module, whose problem was read, in tubes.
+    """Follows the SC of one module, whose problem was read, in tubes.
 
-    `ways`: Y, the ranges at rest of the states that `moves` does not name. Of a state without a
-    range nothing is known at rest.
+    `ways`: Y, the ranges at rest of the states that `moves` does not name. If a state has no range,
+    nothing is known of it at rest.
     """
 
     def __init__(self, problem: RestProblem, ways: Mapping[int, Range]) -> None:
@@ -347,7 +349,7 @@ class ModuleTube:
 
     @property
     def estimate_fields(self) -> list[str]:
-        """The fields of an estimate, as `topic.field`: those of states in order, then of maps."""
+        """The fields of an estimate, as `topic.field`: those of states, then those of maps."""
         maps = [name for names in self.problem.map_leaves.values() for name in names]
         return [*(self.problem.field_read(s) for s in self.problem.followed), *maps]
 
@@ -360,7 +362,7 @@ class ModuleTube:
         return self.problem.facts.symbol.shield is not None
 
     def why_not_good(self, estimate: Mapping[str, float]) -> str | None:
-        """Why an estimate (a number for each of `estimate_fields`) may be bad; None: it is good."""
+        """Why an estimate (a number for each of `estimate_fields`) may be bad, or None."""
         box, maps = [], {}
         for index, names in self.problem.map_leaves.items():
             numbers = [estimate[name] for name in names]
@@ -379,7 +381,7 @@ class ModuleTube:
         return self.why_not_settled(box, times.alpha, times.horizon)
 
     def why_starts_not_good(self) -> str | None:
-        """The reason why initial states may not be good, or None; until h_0 any command may act."""
+        """Why an initial state may not be good, or None; until h_0 any command may act."""
         states, times = self.problem.facts.states, self.problem.times
         box = [(exact(states[s].low), exact(states[s].high)) for s in self.problem.followed]
         self._set_constraint(self.problem.default_maps)
@@ -397,7 +399,7 @@ class ModuleTube:
     # ------------------------------------------------------------ tubes
 
     def why_not_settled(self, box: Box, earliest: int, latest: int) -> str | None:
-        """Why SC, acting first in [earliest, latest] ns, may not rest from a box; None: it does."""
+        """Why SC, which acts first in [earliest, latest] ns, may not rest after a box, or None."""
         if not self.is_within_c(box):
             return "C is not certain of the estimate itself"
         body, step = StateSet.from_box(box), earliest * NANOSECOND / FREE_PIECES
@@ -411,7 +413,7 @@ class ModuleTube:
         return self._why_not_settled_in_window(body, (latest - earliest) * NANOSECOND, 0)
 
     def _why_not_settled_in_window(self, body: StateSet, span: Fraction, cut: int) -> str | None:
-        """Why SC may not rest if an output begins to act within `span` s; None: it does."""
+        """Why SC may not rest if an output begins to act within `span` s; None if it does rest."""
         try:
             inside = self.chain.at_some_instant(body, span) if span else body
             why = None
@@ -430,7 +432,7 @@ class ModuleTube:
             return "a tube has no end"
 
     def why_not_settled_at(self, body: StateSet, pieces: int, used: int = 0) -> str | None:
-        """Why SC may not rest if output `used` begins to act in the states of `body`, or None."""
+        """Why SC may not rest if output `used` begins to act in a state of `body`; or None."""
         if self.is_settled(body.box):
             return None
         late = bool(self.chain.span)
@@ -453,13 +455,13 @@ class ModuleTube:
         return near and self.constraint.is_certain(box)
 
     def are_within_c(self, boxes: Sequence[Box]) -> bool:
-        """Whether all boxes are certainly in C; first (cheaper) one box around them is asked."""
+        """Whether all boxes are certainly in C; tries the cheaper box around all of them first."""
         sides = [zip(*of_state, strict=True) for of_state in zip(*boxes, strict=True)]
         around = [(reduce(arb.min, lows), reduce(arb.max, highs)) for lows, highs in sides]
         return self.is_within_c(around) or (len(boxes) > 1 and all(map(self.is_within_c, boxes)))
 
     def is_settled(self, box: Box) -> bool:
-        """Whether all of a box is in Q, and all that SC may move it to from there (M) is in C."""
+        """Whether a box is in Q, and all states to which SC may move from it (M) are in C."""
         if not self.rest.is_certain(box):
             return False
         moved, endless = [], False
@@ -488,7 +490,7 @@ class ModuleTube:
             flint.ctx.prec = precision
 
     def _is_certain_far_out(self, box: Box, cuts: int) -> bool:
-        """Whether C is certain on a box, or on all parts into which it is cut far from 0."""
+        """Whether C certainly holds on a box; may cut the box into parts far from 0 to find out."""
         if self.constraint.is_certain(box):
             return True
         axis = max(range(len(box)), key=lambda i: (box[i][1] - box[i][0]).mid())

@@ -38,9 +38,9 @@ AGAIN_S = 1.0
 def fork_into_child(console: Console, rescue: Rescue) -> None:
     """Forks if this process is the command itself; only the child returns from here.
 
-    The parent raises `ChildResult` with the child's result; without one `SoterError` X011, or
-    `KeyboardInterrupt` if the child had been told to end. Before these two `rescue(pid)` saves
-    files that the child was writing, and returns a sentence for each.
+    The parent raises `ChildResult` with the result of the child. If the child left no result, it
+    raises `SoterError` X011, or `KeyboardInterrupt` if a signal asked the child to end. Before
+    these two errors `rescue(pid)` saves files of the child, and returns a sentence for each.
     """
     if not console.own_process or not hasattr(os, "fork"):
         return
@@ -73,7 +73,7 @@ def fork_into_child(console: Console, rescue: Rescue) -> None:
 
 
 def _wait_for_child(child: int, signals: set[signal.Signals]) -> tuple[int, bool]:
-    """Waits for the child; gives its wait status, and whether a signal asked it to end."""
+    """Waits for the child; gives the wait status, and whether a signal asked the child to end."""
     told_s: float | None = None
     while True:
         number, passed_on = _next_signal(signals)
@@ -149,7 +149,7 @@ class ResultFile:
         _end_process(exit_code)
 
     def child_result(self) -> ChildResult | None:
-        """The result that the child left; None if there is none or it is not complete."""
+        """The result that the child left; None if it left no complete result."""
         size = os.fstat(self._file).st_size
         whole = bytearray()
         while len(whole) < size and (part := os.pread(self._file, size - len(whole), len(whole))):
@@ -164,7 +164,7 @@ class ResultFile:
 
 
 def _open_unnamed_file() -> int:
-    """The descriptor of a new file without a name, which programs started later do not inherit."""
+    """The descriptor of a new file without a name; programs started later do not inherit it."""
     if sys.platform == "linux":
         made = os.memfd_create("soter verdict")
     else:

@@ -21,7 +21,7 @@ Kind = Literal["pass", "fail", "open", "warning"]
 
 @dataclass(frozen=True)
 class CiFinding:
-    """A finding. `rule`: code of a diagnostic, property or command; `name`: what it is about."""
+    """A finding. `rule`: a diagnostic's code, a property or a command; `name`: its subject."""
 
     kind: Kind
     rule: str

@@ -41,12 +41,12 @@ NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def xml_text(text: str) -> str:
-    """The text, with a replacement character for each that no XML may have."""
+    """The text, with a replacement for each character that XML does not allow."""
     return NO_XML.sub("\ufffd", text)
 
 
 def add_case(suite: ET.Element, file: str, name: str, seconds: float = 0.0) -> ET.Element:
-    """Adds a `testcase` to a suite; it is named by the file that it is about."""
+    """Adds a `testcase` to a suite, with the file that it is about as class name."""
     where = xml_text(file)
     named = {"classname": where, "name": xml_text(name), "file": where, "time": f"{seconds:.3f}"}
     return ET.SubElement(suite, "testcase", named)
@@ -139,7 +139,7 @@ def _file_uri(name: str) -> str:
 
 
 def junit_text(command: str, files: Sequence[str], findings: Sequence[CiFinding]) -> str:
-    """JUnit's XML, as text; findings in no file count for the first file."""
+    """The findings as JUnit XML; findings without a file count for the first file."""
     by_file: dict[str, list[CiFinding]] = {name: [] for name in files or ("soter",)}
     first = next(iter(by_file))
     for f in findings:
@@ -194,7 +194,7 @@ def _finding_text(f: CiFinding) -> str:
 
 
 def github_commands(findings: Sequence[CiFinding]) -> str:
-    """The commands for GitHub Actions, one a line; "" if there is nothing to report."""
+    """The commands for GitHub Actions, one on each line; "" if it has nothing to report."""
     return "\n".join(_github_command(f) for f in findings if f.kind != "pass")
 
 
@@ -255,7 +255,7 @@ def junit_of_problems(file: str, problems: Iterable[Diagnostic]) -> str:
 
 
 def _new_suite(file: str, figures: dict[str, int], seconds: float) -> tuple[ET.Element, ET.Element]:
-    """A new root element with its only suite, and that suite."""
+    """A new root element, and the only suite inside the root."""
     counted = {k: str(v) for k, v in figures.items()} | {"time": f"{seconds:.3f}"}
     suites = ET.Element("testsuites", {"name": "soter test", **counted})
     return suites, ET.SubElement(suites, "testsuite", {"name": xml_text(file), **counted})

@@ -28,7 +28,7 @@ Pairs: TypeAlias = tuple[tuple[str, str], ...]
 
 
 class UsageError(Exception):
-    """A wrong command line. `usage`: the right form, or "" for that of the command's help."""
+    """A wrong command line. `usage`: the right form; "" if the command's help shows it."""
 
     def __init__(self, message: str, usage: str = "") -> None:
         super().__init__(message)
@@ -58,7 +58,7 @@ class HelpWantedError(Exception):
 
 
 class Command(Protocol):
-    """The module of a command; `EXAMPLES`: lines for the end of its help."""
+    """The module of a command; `EXAMPLES`: lines that end the help."""
 
     EXAMPLES: str
     Options: type
@@ -93,7 +93,7 @@ class CommandParser(argparse.ArgumentParser):
         self._about = {n: o.json_name for n, o in options.items() if o.json_name and not o.dashed}
 
     def read_line(self, line: Sequence[str]) -> argparse.Namespace:
-        """The arguments of a line; `written`: names of those in it. SoterError U001: gone."""
+        """The arguments of a line; `written` has the names in it. U001 for a removed flag."""
         if problems := removed_flags(self.record, [word.partition("=")[0] for word in line]):
             raise SoterError(problems)
         defaults = {action.dest: action.default for action in self._actions}
@@ -104,7 +104,7 @@ class CommandParser(argparse.ArgumentParser):
         return argparse.Namespace(**{**defaults, **given_values, "written": written})
 
     def subject_fields(self, args: argparse.Namespace) -> dict[str, object]:
-        """Fields of the JSON document that name what the command was about."""
+        """The fields of the JSON document that name the program or file the command was about."""
         return {field_name: getattr(args, name) for name, field_name in self._about.items()}
 
     def _add_argument_of(self, name: str, known: Option) -> None:
@@ -192,7 +192,7 @@ def at_least_one(text: str) -> int:
 
 
 def duration_s(text: str) -> float:
-    """The seconds in a text: plain digits, or a number and its unit; else ArgumentTypeError."""
+    """The seconds in plain digits, or in a number with a unit; ArgumentTypeError for others."""
     from soter.language.model.types import WrongTextError, duration_ns  # noqa: PLC0415 - only then
 
     if text.isascii() and "_" not in text:

@@ -35,7 +35,7 @@ INTERRUPTED = 130
 
 @dataclass
 class CommandOutcome:
-    """The exit code, all diagnostics, and the command's own fields of the JSON document."""
+    """The exit code, all diagnostics, and the command's fields of the JSON document."""
 
     exit: int = FINE
     diagnostics: tuple[Diagnostic, ...] = ()
@@ -67,7 +67,7 @@ class CommandOutcome:
 
 
 def exit_of_kinds(kinds: Iterable[Kind]) -> int:
-    """The exit code for findings of these kinds, the same rule for all commands with verdicts."""
+    """The exit code for findings of these kinds; all commands with verdicts use the same rule."""
     found = set(kinds)
     return VIOLATED if "fail" in found else UNDECIDED if "open" in found else FINE
 

@@ -87,7 +87,7 @@ def plain_text(text: str) -> str:
 
 
 def _replace_unencodable(error: UnicodeError) -> tuple[str, int]:
-    """Plain text for characters that an encoding lacks; a handler of codec errors."""
+    """Plain text for characters that an encoding lacks; this handles errors of a codec."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     missing = error.object[error.start : error.end]
@@ -165,7 +165,7 @@ class Console:
             not (getattr(self.out, "encoding", None) or "ascii").lower().startswith("utf")
         )
         if self.json:
-            self._guard_output()
+            self._redirect_standard_output()
         return self
 
     def __exit__(
@@ -176,7 +176,7 @@ class Console:
     ) -> None:
         self._during.close()
         if self._saved is not None:
-            self._unguard_output()
+            self._restore_standard_output()
 
     def enter_until_end(self, context: AbstractContextManager[None]) -> None:
         """Enters a context that lasts as long as the command."""
@@ -195,13 +195,13 @@ class Console:
     # ------------------------------------------------------------ a child that prints nothing
 
     def keep_output_for(self, leave: Callable[[str, int], NoReturn]) -> None:
-        """Collects the output from now on; the parent will print it (`child_process.py`)."""
+        """Collects output from now on; `leave` will pass it to the parent, which prints it."""
         self._leave = leave
         self.out = io.StringIO()
         self._plain_out = False  # the parent writes plain characters where they are needed
 
     def hand_over_output(self, exit_code: int) -> None:
-        """In a child, leaves the output for the parent and ends; else does nothing."""
+        """In a child, leaves the output for the parent and ends; elsewhere it does nothing."""
         if self._leave is not None:
             assert isinstance(self.out, io.StringIO)
             _flush_c()
@@ -227,7 +227,7 @@ class Console:
                 self.err.flush()
 
     def write_diagnostics(self, items: tuple[Diagnostic, ...]) -> None:
-        """Writes diagnostics to standard error for people; nothing with `--json`."""
+        """Writes diagnostics for people to standard error; writes nothing with `--json`."""
         if items and not self.json:
             from soter.diagnostics.render import render_all  # noqa: PLC0415 - only for diagnostics
 
@@ -251,7 +251,7 @@ class Console:
         return table(headers, rows, color=self.color_out, width=self.width)
 
     def flush(self) -> None:
-        """Flushes standard output; an error is kept in `output_error`."""
+        """Flushes standard output; keeps an error in `output_error`."""
         if self.out is not None and self.output_error is None:
             try:
                 self.out.flush()
@@ -277,7 +277,7 @@ class Console:
 
     # ------------------------------------------------------------ one document, whatever happens
 
-    def _guard_output(self) -> None:
+    def _redirect_standard_output(self) -> None:
         """Sends what other code writes to standard output to standard error instead."""
         self._saved = self.out
         if _descriptor(self.out) == 1:
@@ -291,7 +291,7 @@ class Console:
                 return
         sys.stdout = self.err if self.err is not None else sys.stdout
 
-    def _unguard_output(self) -> None:
+    def _restore_standard_output(self) -> None:
         if not self._guarded_fd:
             sys.stdout = self._saved
             return
@@ -313,7 +313,7 @@ def painted(style: str, text: str) -> str:
 
 
 def shows_colors(stream: IO[str] | None) -> bool:
-    """Whether a stream shows colours: a terminal does, unless NO_COLOR or FORCE_COLOR decides."""
+    """Whether a stream shows colours: NO_COLOR or FORCE_COLOR decides, else a terminal does."""
     if os.environ.get("NO_COLOR"):
         return False
     if os.environ.get("FORCE_COLOR"):
@@ -355,7 +355,7 @@ CLEAR = "\r\x1b[K"
 
 
 def clipped_line(text: str) -> str:
-    """The text cut to one line of the terminal, as only one line can be cleared."""
+    """The text, cut to one line of the terminal, as a progress text may fill only one line."""
     most = max(shutil.get_terminal_size((80, 24)).columns - 1, 20)
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
@@ -401,10 +401,10 @@ class LineOfProgress:
 
     def _show_text(self, text: str) -> None:
         self._text = text
-        if self._is_time():
+        if self._is_time_to_rewrite():
             self._write_line(CLEAR + clipped_line(text))
 
-    def _is_time(self) -> bool:
+    def _is_time_to_rewrite(self) -> bool:
         """Whether to rewrite the line now; False if standard error is no terminal."""
         now = time.perf_counter()
         if self._logging is not None or now < self._next:
@@ -421,15 +421,15 @@ class LineOfProgress:
 
 
 class ProgressBar(LineOfProgress):
-    """A context that gives a function to call with the share done: bar, phase and time left.
+    """A context that gives a function to call with the share done, and shows a progress bar.
 
-    The share is shown from the first one above 0 until it is 1. It never falls, unless a phase
-    with another name begins anew. The time left never rises: while the estimate is above the last
-    one shown, no time is shown.
+    The bar shows the share from the first above 0 until it is 1. The share never falls, unless a
+    phase with another name begins anew. The time left never rises: while the estimate is above the
+    last time shown, no time is shown.
     """
 
     def __init__(self, console: Console, *, timed: bool = True) -> None:
-        """`timed`: equal shares take equal times; otherwise no time left is shown."""
+        """Shows the time left only if `timed`, which means that equal shares take equal times."""
         super().__init__(console)
         self._timed = timed
         self._phase = ""
@@ -459,15 +459,15 @@ class ProgressBar(LineOfProgress):
                 self._furthest, self._share_began = 0.0, self._phase_began
                 self._left_s = math.inf
         self._phase = name
-        self._show_now()
+        self._rewrite_line_if_due()
 
     def _show_share(self, share: float) -> None:
         if share > self._furthest:
             self._furthest, self._told_s = min(share, 1.0), time.perf_counter()
-        self._show_now()
+        self._rewrite_line_if_due()
 
-    def _show_now(self) -> None:
-        if self._is_time():
+    def _rewrite_line_if_due(self) -> None:
+        if self._is_time_to_rewrite():
             self._write_line(CLEAR + self._line_text())
 
     def _line_text(self) -> str:
@@ -486,7 +486,7 @@ class ProgressBar(LineOfProgress):
         return "  ".join(p for p in (share, self._time_left_text(), doing) if p).strip()
 
     def _time_left_text(self) -> str:
-        """The time left as text, estimated from the last share; "" if nothing can be said."""
+        """The estimated time left, as text; "" if no estimate is possible."""
         share, now = self._furthest, time.perf_counter()
         if not (self._timed and 0.001 < share < 1.0):
             return ""

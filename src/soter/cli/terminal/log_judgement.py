@@ -63,7 +63,7 @@ def undecided_warning(m: ModuleOfLog) -> Diagnostic:
 
 def judgement_lines(j: LogJudgement, console: Console) -> Iterator[str]:
     """Yields the lines of the judgement for the terminal."""
-    yield f"{_span_text(j)}\n"
+    yield f"{_judged_span_text(j)}\n"
     for m in j.modules:
         yield f"{m.module}: {verdict_line(m)}\n"
     yield console.table(HEAD, _module_rows(j))
@@ -79,7 +79,7 @@ def judgement_lines(j: LogJudgement, console: Console) -> Iterator[str]:
 def judgement_sections(j: LogJudgement) -> Iterator[PageSection]:
     """Yields the sections of the page about the judgement."""
     yield PageSection(
-        "What was judged", (_span_text(j), DISTANCES), PAGE_HEAD, tuple(_module_rows(j))
+        "What was judged", (_judged_span_text(j), DISTANCES), PAGE_HEAD, tuple(_module_rows(j))
     )
     for m in j.modules:
         yield from _module_sections(m)
@@ -109,7 +109,7 @@ def _module_sections(m: ModuleOfLog) -> Iterator[PageSection]:
         yield PageSection(f"{m.module}: comparisons of `ttf`", (), BOUNDS_HEAD, rows)
 
 
-def _span_text(j: LogJudgement) -> str:
+def _judged_span_text(j: LogJudgement) -> str:
     samples = ", ".join(f"{name} ({n:,})" if n else name for name, n in j.samples.items())
     return f"{j.log}  judged on reads from {j.from_s:.3f} s to {j.to_s:.3f} s: {samples}"
 
@@ -120,7 +120,7 @@ def _module_rows(j: LogJudgement) -> list[tuple[str, ...]]:
             m.module,
             percent_text(m.judged_share),
             "" if m.unheard else f"{m.ac_share:.1%}",
-            _first_switch(m),
+            _first_switch_text(m),
             f"{len(m.switches):,}",
             _nearest_text(m.margin),
             _nearest_text(m.clearance),
@@ -130,19 +130,19 @@ def _module_rows(j: LogJudgement) -> list[tuple[str, ...]]:
     ]
 
 
-def _first_switch(m: ModuleOfLog) -> str:
+def _first_switch_text(m: ModuleOfLog) -> str:
     if m.first_switch_s is not None:
         return f"{m.first_switch_s:.3f} s"
     return "none" if m.judged and not m.unheard else "not judged"
 
 
 def percent_text(x: float) -> str:
-    """A share in percent; it is shown as 100 % only for 1, and as 0 % only for 0."""
+    """A share in percent; it is shown as 100 % only if it is 1, and as 0 % only if it is 0."""
     return f"{min(max(x, 0.001), 0.999) if 0.0 < x < 1.0 else x:.1%}"
 
 
 def share_words(x: float) -> str:
-    """The words " in ... of the log" for a headline if only a part was judged; else ""."""
+    """The words " in ... of the log" for a headline if only a part was judged; "" for all."""
     return f" in {percent_text(x)} of the log" if x < 1.0 else ""
 
 
@@ -169,7 +169,7 @@ def verdict_line(m: ModuleOfLog) -> str:
 
 
 def unheard_sentences(m: ModuleOfLog) -> tuple[str, ...]:
-    """A sentence if the log lacks topics that give AC control: what follows from that."""
+    """A sentence on what follows if the log lacks topics that give AC control; () otherwise."""
     if not m.unheard:
         return ()
     text = f"the log does not give {', '.join(m.unheard)}: for its DM nobody ever gave control back"
@@ -177,7 +177,7 @@ def unheard_sentences(m: ModuleOfLog) -> tuple[str, ...]:
 
 
 def _outcome_lines(m: ModuleOfLog) -> Iterator[str]:
-    """Lines about all steps of a decision module, or about what the log lacks for a verdict."""
+    """Lines about all steps of a decision module, or about data that a verdict would need."""
     if not m.decided:
         yield "  undecided; the log does not give"
         for name in m.missing:
@@ -244,7 +244,7 @@ def _log_lines(j: LogJudgement) -> Iterator[str]:
 
 
 def _error_texts(d: DerivedValue) -> tuple[str, ...]:
-    """The errors of a derived value as text; "none", which is not 0, if none could be measured."""
+    """The errors of a derived value as text; "none" (which is not 0) if they were not measured."""
     return ("none",) * len(ERRORS_SHARES) if d.error is None else tuple(f"{e:.2g}" for e in d.error)
 
 
@@ -271,7 +271,7 @@ class LostSamples:
 
 @dataclass(frozen=True)
 class LeftOutSamples(LostSamples):
-    """Samples that were left out; `reasons`: their number and the first one for each reason."""
+    """Samples that were left out; `reasons`: for each reason, their number and the first sample."""
 
     reasons: tuple[LostSamples, ...]
 

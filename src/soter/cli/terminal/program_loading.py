@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def opened_program(args: argparse.Namespace, console: Console) -> Program:
-    """Loads `args.file`; the warnings of a correct program are printed with the outcome."""
+    """Loads `args.file`; a correct program's warnings are printed with the outcome."""
     from soter.api import load  # noqa: PLC0415 - commands about the tool itself open none
 
     with LineOfProgress(console) as line:
@@ -48,7 +48,7 @@ def warn_of_extern_files(program: Program, console: Console) -> Program:
 
 
 def loaded_program(args: argparse.Namespace, console: Console) -> Program:
-    """Loads the program that the arguments name, and binds its externs; `SoterError`."""
+    """Loads the program that the arguments name, and binds its externs; may raise `SoterError`."""
     return bound_program(opened_program(args, console), args)
 
 

@@ -36,7 +36,7 @@ def seconds_text(value: float) -> str:
 
 
 def print_search(search: ProofSearch, command: str, printed: Printout) -> None:
-    """Prints the hints tried and found for a module; `command` is the line that verifies it."""
+    """Prints the hints that were tried and found for a module; `command` verifies the module."""
     why = "what the program says leaves it undecided" if search.own else NO_HINTS
     none = NOTHING_TRIED if search.refused is None else search.refused.message
     tried = "tried" if search.tries else f"no hint was tried: {none}"
@@ -56,7 +56,7 @@ def print_search(search: ProofSearch, command: str, printed: Printout) -> None:
 
 
 def print_tries(search: ProofSearch, printed: Printout) -> None:
-    """Prints the table of the hints that were tried, with what each gave and its time."""
+    """Prints a table of the hints that were tried, each with the result and the time it took."""
     rows = []
     for t in search.tries:
         took = f"about {seconds_text(t.cpu_s)}" if t.untried else seconds_text(t.cpu_s)
@@ -66,7 +66,7 @@ def print_tries(search: ProofSearch, printed: Printout) -> None:
 
 
 def require_writable(path: Path) -> None:
-    """Raises SoterError D006 if hints could not be written to a file, before the search starts."""
+    """Raises SoterError D006 before the search if hints could not be written to the file later."""
     from soter.cli.tool.fmt import require_permission  # noqa: PLC0415 - only then
 
     if path.exists() and not path.is_file():
@@ -76,7 +76,7 @@ def require_writable(path: Path) -> None:
 
 
 def write_hints(report: VerifyReport, console: Console) -> str | None:
-    """Writes found hints into the program if they prove it; gives its path; SoterError D006."""
+    """Writes found hints into the program if they prove it; gives the path; or SoterError D006."""
     from soter.cli.tool.fmt import replace_file  # noqa: PLC0415 - only then
 
     found = [s for s in report.searches if s.proved]
@@ -92,14 +92,14 @@ def write_hints(report: VerifyReport, console: Console) -> str | None:
     return report.path
 
 
-def _found_text(search: ProofSearch) -> str | None:
+def _found_hints_text(search: ProofSearch) -> str | None:
     return None if search.found is None else str(search.found)
 
 
 SEARCHES = JsonObject(
     "soter.verify.claims.results.ProofSearch",
     "module own proved found? tries",
-    {"found": _found_text},
+    {"found": _found_hints_text},
     tries=JsonObject("soter.verify.claims.results.Try", "hints gave cpu_s untried"),
 )
 """What the document of `soter verify` has of a search."""

@@ -36,7 +36,7 @@ WIDTH = 34
 def timing_lines(timing: Timing) -> list[str]:
     """Lines on a run in real time, from the driver's report (docs/json.md)."""
     return [
-        *_timing_head(timing),
+        *_timing_head_lines(timing),
         *_histogram_lines(timing),
         *_worker_lines(timing),
         *_takeover_lines(timing),
@@ -44,7 +44,7 @@ def timing_lines(timing: Timing) -> list[str]:
     ]
 
 
-def _timing_head(timing: Timing) -> Iterator[str]:
+def _timing_head_lines(timing: Timing) -> Iterator[str]:
     memory = "memory locked" if timing["locked"] else "memory not locked"
     core = f"processor {timing['core']}" if timing["core"] >= 0 else "not pinned"
     yield f"real time  policy {timing['policy']}, {memory}, {core}"
@@ -116,7 +116,7 @@ COLUMNS_A_TAKEOVER = 3
 
 
 def run_summary(run: Run, path: str, console: Console, *, why: bool = False) -> str:
-    """The whole summary as text; with `why` also each change of mode and its values."""
+    """The summary of a run as text; with `why` also each change of mode, with the values then."""
     sections = [
         [
             _headline(run, path, console),
@@ -181,7 +181,7 @@ def _verdict_lines(run: Run, console: Console) -> list[str]:
 
 
 def _reservation_lines(run: Run, console: Console) -> Iterator[str]:
-    """Lines for what limits the verdict: unproved modules, lateness, externs without answers."""
+    """Lines on all that limits the verdict: unproved modules, lateness, externs without answers."""
     for m in run.system.modules:
         if m.unshown:
             text = f"`{m.name}` flew by what is not shown of its rest: {m.unshown}"
@@ -226,7 +226,7 @@ def _fault_lines(run: Run, console: Console) -> Iterator[str]:
 
 
 def _declared_fault_lines(run: Run, console: Console) -> list[str]:
-    """A table of what the `faults` of the system did in this run."""
+    """A table of the effects that the system's `faults` had in this run."""
     rows: dict[tuple[str, int], tuple[str, ...]] = {}
     until_ns = round(run.reached_s * 1e9)
     for f in run.system.faults:

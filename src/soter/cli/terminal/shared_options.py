@@ -42,13 +42,13 @@ def file_option(flags: str = "FILE", words: str = "the program", json_name: str 
 
 
 def report_option(what: str, ending: str, flags: str = "--report") -> Any:  # noqa: ANN401 - a field
-    """The option --report. `what`: what it writes; `ending`: of the default file name."""
+    """The option --report; `what`: the page's contents; `ending`: ends the default file name."""
     words = f"write {what}: one HTML page (.soter/...{ending})"
     return option(f"{flags} [PATH]", None, words, keyword=False)
 
 
 def report_path(report: str, of: str, ending: str) -> Path:
-    """The path for --report: the one given, else a file in `.soter/` named after `of`."""
+    """The path of a report: `report`, or if that is "" a file in `.soter/` named after `of`."""
     stem = Path(of).resolve().name.removesuffix(".soter").removesuffix(".trace.json")
     return Path(report or Path(".soter") / f"{stem}{ending}")
 
@@ -64,7 +64,7 @@ WITH_FORMAT = ("check", "verify", "test", "monitor")
 
 
 def format_of(name: str | None, options: Sequence[str]) -> str | None:
-    """The format that a command line asks for; None if none, or an unknown one."""
+    """The format that a command line asks for; None if it asks for none, or for an unknown one."""
     if name not in WITH_FORMAT:
         return None
     asked = [b for a, b in pairwise(options) if a == "--format"]

@@ -28,7 +28,14 @@ from typing import TYPE_CHECKING, Any
 
 from soter.cli.terminal.console import Console, painted
 from soter.diagnostics.diagnostic import SoterError
-from soter.native.cache import cache_dir, digest, find_cached, is_ours, new_entry, soter_sha256
+from soter.native.cache import (
+    cache_dir,
+    digest,
+    find_cached,
+    is_trusted_file,
+    new_entry,
+    soter_sha256,
+)
 from soter.native.compiler import find_compiler
 
 if TYPE_CHECKING:
@@ -47,7 +54,7 @@ PAINT = re.compile(r"\x1b\[[0-9;]*m")
 
 @dataclass(eq=False)
 class Printout:
-    """The output of a command in order, as JSON: coloured texts, `[headers, rows]` of tables."""
+    """The output of a command in order, as JSON: coloured texts, and tables `[headers, rows]`."""
 
     parts: list[Any] = field(default_factory=list)
 
@@ -79,7 +86,7 @@ class Printout:
 
 @dataclass(frozen=True)
 class StoredOutcome:
-    """Output, fields and exit code of a command. `warned`: it had warnings (not stored here)."""
+    """The output, fields and exit code of a command. `warned`: it had warnings, not stored here."""
 
     exit: int
     fields: dict[str, object]
@@ -106,10 +113,10 @@ def stored_outcome(file: str, words: Sequence[str]) -> StoredOutcome | None:
 def store_outcome(
     file: str, words: Sequence[str], contents: Mapping[Path, str], outcome: StoredOutcome
 ) -> None:
-    """Stores an outcome; an error of the cache is ignored.
+    """Stores an outcome; ignores an error of the cache.
 
-    `words`: the command and its options. `contents`: path -> SHA-256 of every file that the program
-    in `file` was made of, as it was when it was read.
+    `words`: the command and its options. `contents`: by path, the SHA-256 of every file that the
+    program in `file` was made of, as the file was when it was read.
     """
     absolute = {_absolute_path(path): sha256 for path, sha256 in contents.items()}
     fields = {"exit": outcome.exit, "fields": outcome.fields, "warned": outcome.warned}
@@ -139,12 +146,12 @@ def _package_version(package: str) -> str:
 
 
 def _absolute_path(path: str | Path) -> str:
-    """The absolute path with its links and `..` kept, as their targets may change."""
+    """The absolute path; keeps links and `..`, as the targets of links may change."""
     return str(Path(path).absolute())
 
 
 def _file_sha256(path: str) -> str:
-    """The SHA-256 of a plain file; OSError for others, whose content may differ each time."""
+    """The SHA-256 of a plain file; OSError for other files, which may differ on each read."""
     if not stat.S_ISREG(os.stat(path).st_mode):  # noqa: PTH116 - follows links on purpose
         raise OSError(f"{path} is no plain file")
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
@@ -154,7 +161,7 @@ def _file_sha256(path: str) -> str:
 
 
 def _file_list_path(file: str) -> Path:
-    """The path of the list of a program's files; clearing the cache removes only folders."""
+    """The path of the file that lists a program's files; clearing the cache does not remove it."""
     return cache_dir() / "verdicts" / f"{digest([_absolute_path(file)])[:32]}.files"
 
 
@@ -162,7 +169,7 @@ def _stored_files(file: str) -> list[str]:
     """The files of which the program was made when its outcome was stored; [] if unknown."""
     path = _file_list_path(file)
     status = path.stat()
-    if not is_ours(status) or status.st_size > LIST_MAX:
+    if not is_trusted_file(status) or status.st_size > LIST_MAX:
         return []
     return [str(name) for name in json.loads(path.read_text(encoding="utf-8"))]
 

@@ -30,7 +30,7 @@ FILES = re.compile(r"FILE|DIR|PATH|LOG|TRACE")
 
 @dataclass(frozen=True)
 class Option:
-    """An option. `names`: how it is written; `values`: the words it can have, () for any."""
+    """An option. `names`: its flags; `values`: the words that it allows, () for any word."""
 
     names: tuple[str, ...]
     about: str
@@ -41,7 +41,7 @@ class Option:
 
 @dataclass(frozen=True)
 class CommandWords:
-    """What one command takes: its options, the words of its first argument, and whether paths."""
+    """The options of a command, the words its first argument may be, and whether it takes paths."""
 
     name: str
     about: str
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 def words_of_command(
     name: str, about: str, made: argparse.ArgumentParser | None, commands: dict[str, str]
 ) -> CommandWords:
-    """What a command takes, read from its parser; `help` has no parser and takes `commands`."""
+    """The words of a command, read from its parser; `help`, without a parser, takes `commands`."""
     if made is None:
         return CommandWords(name, about, (), tuple(commands), path=False)
     options: list[Option] = []

@@ -104,7 +104,7 @@ def _say_changed(
 
 
 def replace_file(path: Path, text: str) -> None:
-    """Replaces a file as a whole or not at all, and keeps its permissions; SoterError D006."""
+    """Replaces a file completely or not at all, and keeps its permissions; SoterError D006."""
     try:
         again = shlex.quote(str(path))
         help_ = f"chmod u+w {again} && soter fmt {again}"
@@ -118,6 +118,6 @@ def replace_file(path: Path, text: str) -> None:
 
 
 def require_permission(path: Path, *helps: str) -> None:
-    """Raises SoterError D006 for a read-only file, which `atomic_write` would replace."""
+    """Raises SoterError D006 if a file is read-only, as `atomic_write` would replace it."""
     if not (path.stat().st_mode & 0o222 and os.access(path, os.W_OK)):
         raise mistake("D006", f"cannot write `{path}`: it is read-only", *helps)

@@ -36,7 +36,7 @@ class Channel(Protocol):
     kept_fields: list[str]
 
     def proposed_max_age_ns(self) -> int:
-        """The largest age that its samples may have, in ns, as the survey proposes."""
+        """The largest age, in ns, that the survey proposes for the samples of the channel."""
 
 
 class Range(Protocol):
@@ -56,7 +56,7 @@ AGE = "AGE"
 
 
 def robot_kinds() -> dict[str, str]:
-    """By kind of robot: one line about it, the first sentence of its program."""
+    """By kind of robot: a line about it, which is the first sentence of its program."""
     programs = sorted(FOLDER.glob(f"*/{PROGRAM}"))
     heads = [p.read_text(encoding="utf-8").partition("{{name}}: ")[2] for p in programs]
     lines = [" ".join(head.partition(".")[0].replace("\n//", "").split()) for head in heads]
@@ -66,7 +66,7 @@ def robot_kinds() -> dict[str, str]:
 def texts_of_kind(
     kind: str, names: Mapping[str, str], settings: Sequence[str], survey: LogSurvey | None
 ) -> dict[str, str]:
-    """Texts of a robot's files by name; SoterError U001, U004 for wrong figures, D016."""
+    """The texts of a robot's files by name; SoterError U001 or U004 for wrong figures, or D016."""
     known = robot_kinds()
     if kind not in known:
         lines = (f"{name}: {line}" for name, line in known.items())
@@ -89,7 +89,7 @@ def texts_of_kind(
 
 
 def _figure_values(program: str, settings: Sequence[str]) -> dict[str, str]:
-    """The value of every figure, by name, as Soter writes it; SoterError U001, U004."""
+    """The value of every figure, by name, in Soter's notation; SoterError U001 or U004."""
     known = {m[1]: m for m in FIGURE.finditer(program)}
     values, problems = {name: m[3] for name, m in known.items()}, list[Diagnostic]()
     for word in settings:
@@ -109,7 +109,7 @@ def _figure_values(program: str, settings: Sequence[str]) -> dict[str, str]:
 
 
 def _checked_figure(name: str, text: str, known: re.Match[str]) -> str:
-    """The text of a figure that somebody set; SoterError U001 if the figure cannot be that."""
+    """The value that a user set for a figure, as text; SoterError U001 for an impossible value."""
     if known[2] == "duration":
         return write_ns(time_ns(name, text) or 0)
     try:

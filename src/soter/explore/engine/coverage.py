@@ -39,7 +39,7 @@ FIRST_INT_CLASS = 8
 
 @dataclass(frozen=True)
 class CoverageKind:
-    """The coverage of one kind of thing: how many there are, and the names of those not reached."""
+    """The coverage of one kind of thing: the number of all, and the names of those not reached."""
 
     total: int = 0
     unreached: tuple[str, ...] = ()
@@ -50,17 +50,17 @@ class CoverageKind:
         return self.total - len(self.unreached)
 
     def merge(self, other: CoverageKind) -> CoverageKind:
-        """The coverage of two searches of the same program, taken together."""
+        """The coverage of two searches of the same program together."""
         unreached = set(other.unreached)
         return CoverageKind(self.total, tuple([n for n in self.unreached if n in unreached]))
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """The coverage of a search, kind by kind, in the order in which the kinds are shown.
+    """The coverage of a search, kind by kind, in the order in which reports show the kinds.
 
-    `properties`: those that were judged at least once: a contract as its node stepped, an `always`
-    where time may pass, a `leadsto` where its premise held and its deadline came before the end.
+    `properties` counts those judged at least once: a contract if its node stepped, an `always` if
+    time could pass, a `leadsto` if its premise held and its deadline came before the end.
     """
 
     properties: CoverageKind = field(default_factory=CoverageKind)
@@ -86,14 +86,14 @@ class Coverage:
 
 
 def kind_coverage(named: Iterable[tuple[str, bool]]) -> CoverageKind:
-    """The coverage of named things, of which each was reached or not."""
+    """The coverage of named things; each name has a flag that says if it was reached."""
     entries = list(named)
     return CoverageKind(len(entries), tuple([name for name, reached in entries if not reached]))
 
 
 @dataclass(frozen=True)
 class CoveredLeaf:
-    """A scalar of a topic: its full name with the path, its type, its bounds (infinite: none)."""
+    """A scalar of a topic: full name with path, type, and bounds (infinite if unbounded)."""
 
     name: str
     type: Type
@@ -102,10 +102,10 @@ class CoveredLeaf:
 
 
 def leaf_classes(leaf: CoveredLeaf) -> list[tuple[int, str]]:
-    """The classes of a leaf's values: the engine's number of each, and its name.
+    """The classes of a leaf's values, each with the engine's number and a name.
 
-    Each value has one class: an end of its set, or else what lies between the ends below, at or
-    above zero.
+    Each value has one class: an end of its set, or the values between the ends that are below, at
+    or above zero.
     """
     if isinstance(leaf.type, BoolType):
         return [(0, f"{leaf.name} = false"), (1, f"{leaf.name} = true")]
@@ -121,7 +121,7 @@ def leaf_classes(leaf: CoveredLeaf) -> list[tuple[int, str]]:
 def value_class(leaf: CoveredLeaf, value: float) -> int:
     """The engine's number for the class of a value (`class_of` in soter_explore_step.c).
 
-    -1 for a member of an enum beyond the first `MEMBERS_MAX`: it has no class.
+    -1 for a member of an enum beyond the first `MEMBERS_MAX`, as it has no class.
     """
     if isinstance(leaf.type, (BoolType, EnumType)):
         return int(value) if value < MEMBERS_MAX else -1
@@ -133,7 +133,7 @@ def value_class(leaf: CoveredLeaf, value: float) -> int:
 
 
 def leaf_value(type_: Type, value: object, path: Sequence[str]) -> object:
-    """The scalar at a path of `leaves(t)` in a value; None if the path leads into a list."""
+    """The scalar at a path of `leaves(t)` in a value; None if the path goes through a list."""
     for part in path:
         assert isinstance(value, tuple)
         if isinstance(type_, RecordType):
@@ -177,7 +177,7 @@ def _number_text(leaf: CoveredLeaf, value: float) -> str:
 
 
 def values_coverage(leaves: Sequence[CoveredLeaf], seen: Sequence[Sequence[int]]) -> CoverageKind:
-    """The coverage of values; `seen`: by leaf and class number, 1 if such a value was published."""
+    """The coverage of values; `seen[leaf][class number]` is 1 if such a value was published."""
     return kind_coverage(
         (name, bool(row[number]))
         for leaf, row in zip(leaves, seen, strict=True)
@@ -190,7 +190,7 @@ def modules_coverage(
     modes: Sequence[Sequence[int]],
     switches: Sequence[Sequence[int]],
 ) -> tuple[CoverageKind, CoverageKind]:
-    """The coverage of modes and of switches; `modules`: names, with the mode if one is forced."""
+    """The coverage of modes, and that of switches; `modules`: name and forced mode or None."""
     named_modes: list[tuple[str, bool]] = []
     named_switches: list[tuple[str, bool]] = []
     for (name, forced), seen, switched in zip(modules, modes, switches, strict=True):
@@ -211,10 +211,10 @@ def branches_coverage(names: Sequence[str], bits: Sequence[int]) -> CoverageKind
 
 @dataclass(frozen=True)
 class EngineProgress:
-    """The progress of a search. `tracing`: it looks for an execution to a violation that it found.
+    """The progress of a search. `tracing`: it looks for an execution to a known violation.
 
-    `bytes`: of tables, frontiers and remembered steps; `answers`: of the step that is being tried,
-    if very many. Everything observable before `covered_ns` was judged (breadth first).
+    `bytes`: of tables, frontiers and remembered steps; `answers`: how many were tried for a step,
+    if very many. Every observable instant before `covered_ns` was judged (breadth first).
     """
 
     states: int
@@ -243,7 +243,7 @@ def read_progress(progress: Any, seconds: float) -> EngineProgress:  # noqa: ANN
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """The mask (words,) of the bits that a search notes at ends of instants, and perhaps a goal.
+    """The mask (words,) of the bits that a search notes at ends of instants, and a goal or None.
 
     `goal`, (words,): an end with these bits violates property `sought`. `memory`: bytes for notes.
     """
@@ -266,10 +266,10 @@ class Observations:
 
 @dataclass(frozen=True)
 class CoverageCounters:
-    """The coverage of all searches of an engine, added up; see `soter_explore_coverage`.
+    """The sum of the coverage of all searches of an engine; see `soter_explore_coverage`.
 
-    `branches`: one word for 64 branches; `classes`: (leaves, 256); `modes` and `switches`:
-    (modules, 2), SC first; `fired`: (actors,); `judged`: (properties and timed ones,).
+    `branches`: a word for each 64 branches; `classes`: (leaves, 256); `modes` and `switches`:
+    (modules, 2), SC first; `fired`: (actors,); `judged`: (properties, then timed properties,).
     """
 
     branches: Words
@@ -295,7 +295,7 @@ def empty_counters(system: System, model: ExplorerModel) -> CoverageCounters:
 
 
 def coverage_struct(seen: CoverageCounters, ffi: Any) -> Any:  # noqa: ANN401 - cdata
-    """The `soter_explore_coverage` through which the C search adds its coverage to `seen`."""
+    """The `soter_explore_coverage` with which the C search adds its coverage to `seen`."""
     places = {
         name: ffi.cast("uint64_t *" if name == "branches" else "uint8_t *", array.ctypes.data)
         for name, array in vars(seen).items()

@@ -74,7 +74,7 @@ def explorer_interface() -> Any:  # noqa: ANN401 - cffi has no types
 
 @dataclass(frozen=True)
 class RawChoice:
-    """An answered choice: its stream's name as FNV-1a hash, the alternatives, the picked one."""
+    """An answered choice: the FNV-1a hash of its stream, the number of alternatives, the pick."""
 
     stream: int
     count: int
@@ -83,9 +83,9 @@ class RawChoice:
 
 @dataclass(frozen=True)
 class RawStep:
-    """A step of a trace; `actor` counts in `Engine.actors`, -1 at the start.
+    """A step of a trace; `actor` is an index into `Engine.actors`, or -1 at the start.
 
-    `kind`: 0 step, 1 lost release, 2 start of an overrunning step, 3 it takes effect, 4 birth.
+    `kind`: 0 step, 1 lost release, 2 start of a step that overruns, 3 its effect, 4 birth.
     """
 
     actor: int
@@ -97,11 +97,11 @@ class RawStep:
 
 @dataclass(frozen=True, kw_only=True)
 class EngineSettings(SearchOptions):
-    """The settings of the engine: the user's options, and those that only tests and `Search` set.
+    """The settings of the engine: the user's options, and those that tests and `Search` set.
 
-    `plainly`: run every step, remember none. `go_on`: do not stop at a violation. `keep`: keep
-    what is stored for `stored_configurations`. `closes`: end once all later configurations came
-    before, if the plan is one that `repeats`.
+    `plainly`: run every step, remember no step. `go_on`: do not stop at a violation. `keep`: keep
+    the stored configurations for `stored_configurations`. `closes`: end as soon as all later
+    configurations came before, if the plan `repeats`.
     """
 
     keep: bool = False
@@ -121,9 +121,9 @@ class EngineSettings(SearchOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class SearchResult(Generic[S]):
-    """The result of a search; `status`: one of STATUSES; `broken`: (what, index) of soter_broken.
+    """The result of a search; `status`: from STATUSES; `broken`: (what, index) of soter_broken.
 
-    `steps` have numbers of the engine (`Searched`) or names of the program (`search.Found`).
+    In `Searched`, `steps` have numbers of the engine; in `search.Found`, names of the program.
     """
 
     status: str
@@ -167,7 +167,7 @@ class Engine:
     def __init__(
         self, system: System, lowered: CoreSystem | None = None, extra: tuple[str, ...] = ()
     ) -> None:
-        """`extra`: more compiler flags (tests)."""
+        """Compiles the explorer for the system; `extra`: more compiler flags, for tests."""
         assert system.test is not None, f"{system.name} is no test"
         lowered = lowered or lower(system)
         self.system = system
@@ -197,7 +197,7 @@ class Engine:
             self._kept = self.ffi.NULL
 
     def take_stored(self) -> Any:  # noqa: ANN401 - cdata
-        """Hands over the configurations kept; the caller frees them with `soter_explore_free`."""
+        """Hands over the kept configurations; the caller frees them with `soter_explore_free`."""
         kept, self._kept = self._kept, self.ffi.NULL
         return kept
 
@@ -209,9 +209,9 @@ class Engine:
         look: Callable[[EngineProgress], None] | None = None,
         patience_s: float = math.inf,
     ) -> Searched:
-        """Searches to the end, a bound, Ctrl-C, or for `patience_s` seconds.
+        """Searches to the end, to a bound, to Ctrl-C, or for `patience_s` seconds.
 
-        `look` gets the progress ten times a second.
+        `look` receives the progress ten times a second.
         """
         coverage = self.coverage()
 
@@ -229,9 +229,9 @@ class Engine:
         look: Callable[[EngineProgress], None] | None = None,
         patience_s: float = math.inf,
     ) -> Searched:
-        """Searches the shortest trace to the violation `broken`, for at most `patience_s` seconds.
+        """Searches the shortest trace to the violation `broken` for at most `patience_s` seconds.
 
-        The status is `violated` if it was found.
+        The status is `violated` if it found the trace.
         """
         violation = self.ffi.new("soter_broken *", {"what": broken[0], "index": broken[1]})
 
@@ -294,10 +294,10 @@ class Engine:
         look: Callable[[EngineProgress], None] | None,
         patience_s: float,
     ) -> str:
-        """Waits for the thread, also after Ctrl-C; returns why it ended early, or "".
+        """Waits for the thread, even after Ctrl-C; returns the reason for an early end, or "".
 
         It does not call `Thread.join`: after an interruption Python 3.11 takes the thread for
-        ended, and the memory to which it still writes would be freed.
+        ended, and would free the memory to which the thread still writes.
         """
         failure: BaseException | None = None
         stopped, began = "", time.perf_counter()
@@ -349,7 +349,7 @@ class Engine:
         )
 
     def coverage(self) -> Any:  # noqa: ANN401 - cdata
-        """The `soter_explore_coverage` by which the engine adds what it sees to `seen`."""
+        """The `soter_explore_coverage` with which the engine adds new coverage to `seen`."""
         return coverage_struct(self.seen, self.ffi)
 
     def _read_result(self, result: Any, trace: Any, seconds: float) -> Searched:  # noqa: ANN401 - cdata
@@ -391,9 +391,9 @@ class Engine:
     def replay(
         self, steps: Sequence[RawStep], seed: int = 0
     ) -> tuple[int, tuple[int, int] | None, npt.NDArray[np.uint8]]:
-        """Replays steps in C: how many are possible, the violation after the last, configurations.
+        """Replays steps in C; gives the number of possible steps, the violation, configurations.
 
-        The configurations have a row for each step, after it: (steps, configuration_size).
+        The violation is that after the last step. Configurations: (steps, configuration_size).
         """
         trace = self._trace_array(steps)
         configurations = np.zeros((len(steps), self.configuration_size), dtype=np.uint8)
@@ -406,7 +406,7 @@ class Engine:
         return int(possible), violation, configurations
 
     def complete_trace(self, settings: EngineSettings, steps: Sequence[RawStep]) -> Searched | None:
-        """Extends an execution of `settings.part` to the whole system; None if impossible."""
+        """Extends an execution of `settings.part` to all of the system; None if impossible."""
         trace = self.ffi.new("soter_trace_step[]", STEPS_MAX)
         broken = self.ffi.new("soter_broken *")
         options, part = self.option_struct(settings), self._trace_array(steps)
@@ -419,10 +419,10 @@ class Engine:
         return Searched(status="violated", broken=violation, depth=length, steps=made)
 
     def is_violated_at_start(self, patience_s: float = math.inf) -> bool:
-        """Whether a start violates a property before any step; True also if the search was stopped.
+        """Whether a start violates a property before any step; also True if the search stopped.
 
-        Deadlines do not count. If it does, parts are not explored alone: they would miss such a
-        violation if another part steps before the one that the property reads.
+        Deadlines do not count. If a start does, parts are not explored alone: they would miss such
+        a violation if another part steps before the part that the property reads.
         """
         progress = self.ffi.new("soter_explore_progress *")
         verdicts: list[bool] = []
@@ -459,7 +459,7 @@ class Engine:
         return words
 
     def unpack(self, words: Words, configuration: Bytes) -> None:
-        """Unpacks words, (words,), into a configuration that an engine has started once."""
+        """Unpacks words, (words,), into a configuration that the engine has started before."""
         of = self.ffi.cast("uint64_t *", words.ctypes.data)
         self.model.unpack(of, self._pointer(configuration))
 

@@ -44,7 +44,7 @@ JOINED_PARTS_MAX = 8
 
 
 class ComposedSearch:
-    """One search of the parts of a system that only properties join."""
+    """A search of parts of a system that only properties join, part by part."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class ComposedSearch:
 
     @staticmethod
     def can_search(engine: Engine, settings: EngineSettings) -> bool:
-        """Whether joined parts can be searched alone: breadth first, exact, with all reductions."""
+        """Whether joined parts can be searched alone; this needs exact bfs and all reductions."""
         joined = engine.joined_parts
         if joined is None or not engine.model.plain or settings.known or settings.max_states:
             return False
@@ -82,7 +82,7 @@ class ComposedSearch:
         try:
             for part in self._joined.parts:
                 left = max(until - time.perf_counter(), 0.0)
-                noted = Observations(self._noted_bits(part), self._notes_bytes)
+                noted = Observations(self._mask_of_noted_bits(part), self._notes_bytes)
                 last = self._run_part(part, noted, left)
                 kept.append(engine.take_stored())
                 if last.status == "memory":  # perhaps that of the notes, which have a share of it
@@ -95,7 +95,7 @@ class ComposedSearch:
                     return searches
             for joint in self._joined.joints:
                 left = max(until - time.perf_counter(), 0.0)
-                status, goals, stopped = self._judge_joint(joint, kept, left)
+                status, goals, stopped = self._joint_verdict(joint, kept, left)
                 if status == "memory":
                     return None
                 if status == "stopped":
@@ -112,7 +112,7 @@ class ComposedSearch:
         part_settings = replace(self._settings, part=part, noted=noted)
         return self._engine.explore(part_settings, self._look, patience_s)
 
-    def _noted_bits(self, part: IndependentPart) -> Words:
+    def _mask_of_noted_bits(self, part: IndependentPart) -> Words:
         mask = np.zeros(self._engine.words, dtype=np.uint64)
         words = self._engine.ffi.cast("uint64_t *", mask.ctypes.data)
         self._engine.lib.soter_explore_noted(self._engine.model, part.actors, words)
@@ -120,10 +120,10 @@ class ComposedSearch:
 
     # ------------------------------------------------------------ properties of several parts
 
-    def _judge_joint(
+    def _joint_verdict(
         self, joint: SharedProperty, kept: list[Any], patience_s: float
     ) -> tuple[str, Words, str]:
-        """Judges a property on all combinations: status, goals (parts, words), why it stopped."""
+        """Judges a property on all combinations; gives status, goals (parts, words), and why."""
         engine = self._engine
         goals = np.zeros((len(joint.parts), engine.words), dtype=np.uint64)
         sides = engine.ffi.new("soter_side[]", len(joint.parts))
@@ -152,7 +152,7 @@ class ComposedSearch:
         return STATUSES[ended[0]], goals, stopped
 
     def _joint_violation(self, joint: SharedProperty, goals: Words, until: float) -> Searched:
-        """The joined parts' execution to the violation; without steps if a part has no trace."""
+        """The joined execution of the parts to the violation; no steps if a part has no trace."""
         broken, steps = (0, joint.property), []
         actors = 0
         last: Searched | None = None
@@ -160,7 +160,9 @@ class ComposedSearch:
             part = self._joined.parts[number]
             actors |= part.actors
             left = max(until - time.perf_counter(), 0.0)
-            noted = Observations(self._noted_bits(part), self._notes_bytes, goal, joint.property)
+            noted = Observations(
+                self._mask_of_noted_bits(part), self._notes_bytes, goal, joint.property
+            )
             last = self._run_part(IndependentPart(part.actors, 0, part.timeds), noted, left)
             if last.broken != broken or not last.steps:
                 return replace(last, status="violated", broken=broken, steps=(), states=0)
@@ -175,7 +177,7 @@ class ComposedSearch:
 def completed_trace(
     engine: Engine, settings: EngineSettings, violated: Searched, steps: Sequence[RawStep]
 ) -> Searched:
-    """The violation, with `steps` of one part completed to an execution of the whole system.
+    """The violation; its `steps` of one part are completed to an execution of the whole system.
 
     It has no steps, and is `apart`, if the other parts allow no such execution.
     """
@@ -202,8 +204,8 @@ CUT_SHORT = (*SHORT_OF_MEMORY, "states", "stopped")
 def may_pick_reduction(settings: EngineSettings) -> bool:
     """Whether a search may choose between the two reductions.
 
-    It may not if the user asked for one, or if it matters what is stored: with a bound on
-    configurations, if they are kept, or if ends are noted.
+    It may not if the user chose, or if the stored set matters: with a bound on configurations, if
+    they are kept, or if ends are noted.
     """
     user_chose = (
         settings.reduction != "all"
@@ -226,9 +228,9 @@ def explore_by_quicker(
     look: Callable[[EngineProgress], None] | None = None,
     left_s: float = math.inf,
 ) -> Searched:
-    """Explores by the quicker of two reductions, if both are allowed, for at most `left_s` seconds.
+    """Explores for at most `left_s` seconds, by the quicker of two reductions if both are allowed.
 
-    If memory does not suffice for configurations between ends of instants, only ends are stored.
+    If memory is too small for configurations between ends of instants, only ends are stored.
     """
     began = time.perf_counter()
 
@@ -250,14 +252,14 @@ def explore_by_quicker(
 def _choose_settings(
     engine: Engine, settings: EngineSettings, left_s: float
 ) -> EngineSettings | Searched:
-    """The settings to go on with, or the result if a trial search came to its end."""
+    """The settings to continue with, or the result if a trial search already ended."""
     if _observes_only_ends(engine):
         return _pick_reduction(engine, settings, left_s)
     return replace(settings, between=True) if engine.model.brief else settings
 
 
 def _observes_only_ends(engine: Engine) -> bool:
-    """Whether no step may be late, so that properties see only ends of instants."""
+    """Whether properties see only ends of instants, as no step may be late."""
     late = any(a.window_ns or a.overrun_ns for a in engine.actors)
     return not engine.plan.timely and not late
 
@@ -265,7 +267,7 @@ def _observes_only_ends(engine: Engine) -> bool:
 def _pick_reduction(
     engine: Engine, settings: EngineSettings, left_s: float
 ) -> EngineSettings | Searched:
-    """The settings whose trial search came further; or the result of one that already ended."""
+    """The settings with the better trial search, or the result if a trial search already ended."""
     ends = engine.explore(replace(settings, max_ran=TRIAL_STEPS, threads=1), None, left_s)
     if ends.status != "states" or ends.stopped:
         return ends

@@ -60,7 +60,7 @@ Found = SearchResult[Step]
 
 
 class Search:
-    """Searches one flattened test; leaving its `with` block frees what the engine holds."""
+    """Searches one flattened test; the end of its `with` block frees the memory of the engine."""
 
     def __init__(
         self,
@@ -69,7 +69,7 @@ class Search:
         progress: Callable[[SearchProgress], None] | None = None,
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
-        """`should_stop`: whether the search should end; called ten times a second."""
+        """`should_stop`: whether the search should end; it is called ten times a second."""
         self._system = system
         self.options = options
         self._settings = EngineSettings(**vars(options), closes=True)
@@ -95,9 +95,9 @@ class Search:
     # ------------------------------------------------------------ searching
 
     def run(self, known: tuple[tuple[int, int], ...] = ()) -> Found:
-        """Runs the search that the options ask for, part by part if the reduction is `all`.
+        """Runs the search that the options ask for; part by part if the reduction is `all`.
 
-        With `known` violations it searches the whole system for others.
+        With `known` violations, it searches the whole system for other violations.
         """
         settings = replace(self._settings, known=known)
         until = time.perf_counter() + self._time_s
@@ -106,9 +106,9 @@ class Search:
             apart = self._may_search_apart(settings)
             searches = self._search_joined_parts(settings, until) if apart else None
             if searches is not None:
-                return self._name_steps(_sum_of_searches(searches))
+                return self._with_named_steps(_sum_of_searches(searches))
             parts = self._engine.parts if apart else (None,)
-        return self._name_steps(_sum_of_searches(self._search_parts(settings, parts, until)))
+        return self._with_named_steps(_sum_of_searches(self._search_parts(settings, parts, until)))
 
     def _may_search_apart(self, settings: EngineSettings) -> bool:
         """Whether the system has parts, and no start violates a property before any step."""
@@ -117,7 +117,7 @@ class Search:
         return has_parts and not engine.is_violated_at_start(self._time_s)
 
     def _search_joined_parts(self, settings: EngineSettings, until: float) -> list[Searched] | None:
-        """The searches of parts that only properties join; None if that does not work."""
+        """The searches of parts that only properties join; None if such a search is impossible."""
         engine = self._engine
         if not ComposedSearch.can_search(engine, settings):
             return None
@@ -163,18 +163,18 @@ class Search:
     def find_shortest_trace(self, search_result: Found, patience_s: float) -> Found:
         """Searches the shortest trace to the same violation, for at most `patience_s` seconds.
 
-        `status` is "violated" if it was found.
+        The `status` is "violated" if it found the trace.
         """
         assert search_result.broken is not None
         look = self._progress_reporter(minimising=True)
-        return self._name_steps(
+        return self._with_named_steps(
             self._engine.find_shortest_trace(self._settings, search_result.broken, look, patience_s)
         )
 
     def shrink(self, search_result: Found, patience_s: float) -> Found | None:
-        """A trace to the same violation that is no longer, sought for `patience_s` seconds.
+        """Searches `patience_s` seconds for a trace to the same violation that is not longer.
 
-        None if the trace violates nothing. `transitions`: how many executions were tried.
+        None if the trace violates nothing. `transitions`: the number of executions tried.
         """
         assert search_result.broken is not None
         look = self._progress_reporter(minimising=True)
@@ -232,8 +232,8 @@ class Search:
 
     # ------------------------------------------------------------ names
 
-    def _name_steps(self, searched: Searched) -> Found:
-        """The result of the engine, with names of the program in its steps."""
+    def _with_named_steps(self, searched: Searched) -> Found:
+        """The result of the engine, with the program's names in its steps."""
         steps = tuple(map(self._named_step, searched.steps))
         return Found(**{**vars(searched), "steps": steps})
 
@@ -243,7 +243,7 @@ class Search:
         return Step(name, STEP_KINDS[raw.kind], raw.release_ns, raw.time_ns, choices)
 
     def chooser_text(self, search_result: Found) -> str:
-        """Says whose step asks for too many choices."""
+        """The step that asks for too many choices, in words: "a step of ..." or "the start"."""
         return (
             f"a step of {self._actor_name(search_result.chooser)}"
             if search_result.chooser >= 0
@@ -282,7 +282,7 @@ class Search:
         )
 
     def _judged_properties(self) -> Iterator[tuple[str, bool]]:
-        """Yields each property of the test and its nodes, and whether it was ever judged."""
+        """Yields the name of each property of the test and its nodes, and whether it was judged."""
         seen, system = self._engine.seen, self._system
         judged = [bool(x & JUDGED) for x in seen.judged.tolist()]
         fired = {
@@ -297,16 +297,16 @@ class Search:
             yield timed.text, judged[len(system.properties) + timed.index]
 
     def judged_and_tested_properties(self) -> list[tuple[bool, bool]]:
-        """For each property, then each timed one: whether it was judged; whether put to the test.
+        """For each property, then each timed property: whether it was judged, and whether tested.
 
-        An `always` is when its premise holds, an `eventually` when it is open while time passes.
+        An `always` is tested if its premise holds, an `eventually` if it is open while time passes.
         """
         tested = [bool(x & MET) for x in self._engine.seen.judged.tolist()]
         pairs = zip(self._judged_properties(), tested, strict=False)
         return [(judged, was_tested) for (_, judged), was_tested in pairs]
 
     def _published_classes(self) -> list[list[int]]:
-        """By leaf and class, 1 if such a value was published or is the topic's default."""
+        """By leaf and class: 1 if a value of it was published or is the topic's default, else 0."""
         rows = [list(row) for row in self._engine.seen.classes.tolist()]
         tried_leaves = [(self._system.topics[i], path) for i, path in self._engine.generated.leaves]
         for row, leaf, (topic, path) in zip(rows, self._leaves(), tried_leaves, strict=True):
@@ -316,7 +316,7 @@ class Search:
         return rows
 
     def _leaves(self) -> Iterator[CoveredLeaf]:
-        """Yields the leaves of topics that coverage counts, with their ranges."""
+        """Yields the leaves of topics that count for coverage, with their ranges."""
         for index, path in self._engine.generated.leaves:
             topic = self._system.topics[index]
             leaf_types = list(leaves(topic.type))
@@ -329,7 +329,7 @@ class Search:
 
 
 def _sum_of_searches(searches: list[Searched]) -> Searched:
-    """The sum of the searches of parts; status, violation and trace are those of the last one."""
+    """The sum of the searches of parts; status, violation and trace are from the last search."""
     return replace(
         searches[-1],
         states=sum(f.states for f in searches),

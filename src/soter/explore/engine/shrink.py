@@ -57,10 +57,10 @@ STEP = np.dtype(
 
 @dataclass(frozen=True)
 class GuidedRun:
-    """An execution, and whether it ends in the violation that is looked for.
+    """An execution, and whether it ends in the wanted violation.
 
-    `steps`: (n,); `unusual`: (n,), how many choices of each step are not the default; lateness and
-    loss count as choices; `configurations`: (n, configuration_size), the one after each step.
+    `steps`: (n,); `unusual`: (n,), how many choices of each step are not the default (lateness and
+    loss are choices); `configurations`: (n, configuration_size), each after its step.
     """
 
     steps: Steps
@@ -70,7 +70,7 @@ class GuidedRun:
 
 
 class Guided:
-    """Runs the engine's system along a given trace, towards one violation."""
+    """Runs the engine's system along a trace of the caller, towards one violation."""
 
     def __init__(self, engine: Engine, seed: int, wanted: tuple[int, int]) -> None:
         self._engine = engine
@@ -83,7 +83,7 @@ class Guided:
     def execute_along(
         self, wish: Steps, limit: int, before: GuidedRun | None = None, begin: int = 0
     ) -> GuidedRun:
-        """Executes up to `limit` steps along `wish`, (wishes,); the first `begin` from `before`."""
+        """Runs up to `limit` steps along `wish`, (wishes,); copies `begin` steps of `before`."""
         begin = begin if before is not None else 0
         made = np.zeros(limit, dtype=STEP)
         unusual = np.zeros(limit, dtype=np.uint32)
@@ -131,7 +131,7 @@ def steps_to_array(steps: Sequence[RawStep]) -> Steps:
 
 
 def array_to_steps(made: Steps) -> tuple[RawStep, ...]:
-    """The steps of an array of `STEP` records, (n,)."""
+    """The steps in an array of `STEP` records, (n,)."""
     raw_steps = []
     for row in made:
         asked = row["choice"][: int(row["choices"])].tolist()
@@ -150,12 +150,12 @@ PICKS = 16
 
 
 class ShrinkTimeoutError(Exception):
-    """The time for shrinking is over."""
+    """Raised when the time for shrinking is over."""
 
 
 @dataclass(frozen=True)
 class ShrinkResult:
-    """The smallest execution found, of `tried` ones; `stopped`: "patience", "interrupted" or ""."""
+    """The smallest execution of all `tried`; `stopped`: "patience", "interrupted" or ""."""
 
     steps: Steps
     tried: int
@@ -165,7 +165,7 @@ class ShrinkResult:
 def execution_cost(made: GuidedRun) -> Cost:
     """The cost of an execution: steps, changes of actor, choices that are not the default, ties.
 
-    Two numbers settle ties: how often the deployed order is left, and the sum of lateness in ns.
+    Two numbers decide ties: how often it leaves the deployed order, and all lateness in ns.
     """
     steps = made.steps[made.steps["actor"] != NOBODY]
     actor, time_ns = steps["actor"].astype(np.int64), steps["time"]
@@ -186,9 +186,9 @@ class Shrinker:
         deadline_s: float,
         look: Callable[[int, int], None] | None = None,
     ) -> None:
-        """`deadline_s`: when to end, as `time.perf_counter` counts.
+        """`deadline_s`: the time to end, on the clock `time.perf_counter`.
 
-        `look` gets the number of executions tried, and the number of steps of the best one.
+        `look` receives the number of executions tried, and the number of steps of the best one.
         """
         self._guided, self._look, self._deadline_s = guided, look, deadline_s
         self._period = np.array([a.period_ns for a in actors], dtype=np.int64)
@@ -200,7 +200,7 @@ class Shrinker:
         self.tried = 0
 
     def shrink(self, steps: Steps) -> ShrinkResult | None:
-        """Shrinks `steps`, (n,), as long as that helps; None if they violate nothing."""
+        """Shrinks `steps`, (n,), while changes make them smaller; None if they violate nothing."""
         self.best = self._guided.execute_along(steps, len(steps))
         self.cost = execution_cost(self.best)
         if not self.best.violates:
@@ -230,7 +230,7 @@ class Shrinker:
                 try_changes()
 
     def _try_trace(self, wish: Steps, begin: int) -> bool:
-        """Runs a trace, changed from step `begin` on; keeps it if it is the smallest so far."""
+        """Runs a trace that differs from step `begin` on; keeps it if it is the smallest so far."""
         if time.perf_counter() > self._deadline_s:
             raise ShrinkTimeoutError
         best = self.best
@@ -248,9 +248,9 @@ class Shrinker:
         return True
 
     def _try_in_blocks(self, change: Change, finest: int = 1) -> None:
-        """Tries a change on the whole trace, on its halves, and so on, down to `finest` steps.
+        """Tries a change on the trace, on its halves, and so on, down to parts of `finest` steps.
 
-        `change` returns the changed part, of the same length.
+        `change` takes a part and returns it changed, with the same length.
         """
         size = len(self.best.steps)
         while size >= finest:
@@ -268,7 +268,7 @@ class Shrinker:
     # ------------------------------------------------------------ fewer steps
 
     def _try_leaving_out(self) -> None:
-        """Tries to remove the releases within a span of time, and to move later ones forward."""
+        """Tries to remove all releases in a span of time, and to move later releases forward."""
         least = int(self._period.min())
         span = max(self._end_ns() // 2, least)
         while span >= least:
@@ -282,7 +282,7 @@ class Shrinker:
         return int(self.best.steps["time"].max(initial=0)) + 1
 
     def _without_releases(self, begin: int, span: int) -> tuple[Steps, int]:
-        """The steps without releases in `span` ns from `begin`, and the first that changed."""
+        """The steps without releases in `span` ns from `begin`, and the first changed index."""
         steps = self.best.steps
         born = steps["actor"] == NOBODY
         actor = np.where(born, 0, steps["actor"])
@@ -309,7 +309,7 @@ class Shrinker:
             self._try_in_blocks(change, finest)
 
     def _choice_changes(self) -> Iterator[Change]:
-        """Yields changes: every answer to each question; each actor lost, late, first or last."""
+        """Yields changes: each answer to each question; each actor lost, late, first or last."""
         asked = self.best.steps["choice"][_choice_mask(self.best.steps)]
         kinds = zip(asked["stream"].tolist(), asked["count"].tolist(), strict=True)
         for stream, count in sorted(set(kinds)):
@@ -324,7 +324,7 @@ class Shrinker:
             yield _change_to_last(i)
 
     def _change_to_late(self, actor: int) -> Change:
-        """The change that makes every step of an actor as late, and as long, as it may be."""
+        """The change that makes every step of an actor as late and as long as is allowed."""
         window, overrun = self._window[actor], self._overrun[actor]
 
         def delay_steps(steps: Steps) -> Steps:
@@ -339,16 +339,16 @@ class Shrinker:
     # ------------------------------------------------------------ fewer changes of actor
 
     def _try_orders(self) -> None:
-        """Tries the deployed order, that of releases, and orders with fewer changes of actor."""
+        """Tries the deployed order, the order of releases, and orders with fewer actor changes."""
         self._try_in_blocks(_steps_in_deployed_order)
         self._try_in_blocks(_steps_by_release)
         self._try_in_blocks(_steps_by_continuing_actor, 2)
         i = 0
         while i < len(self.best.steps) - 2:
-            self._bring_together(i)
+            self._try_side_by_side(i)
             i += 1
 
-    def _bring_together(self, first: int) -> None:
+    def _try_side_by_side(self, first: int) -> None:
         """Tries to move step `first` and the next step of its actor side by side."""
         actor = self.best.steps["actor"]
         near = actor[first + 1 : first + 2 + 2 * len(self._period)]
@@ -356,14 +356,18 @@ class Shrinker:
         if len(again) == 0 or again[0] == 0:
             return
         again_at = first + 1 + int(again[0])
-        if not self._try_trace(_steps_with_one_moved(self.best.steps, again_at, first + 1), first):
-            self._try_trace(_steps_with_one_moved(self.best.steps, first, again_at - 1), first)
+        if not self._try_trace(
+            _steps_with_one_at_new_place(self.best.steps, again_at, first + 1), first
+        ):
+            self._try_trace(
+                _steps_with_one_at_new_place(self.best.steps, first, again_at - 1), first
+            )
 
     # ------------------------------------------------------------ fewer choices
 
     def _try_defaults(self) -> None:
         """Tries to set choices back to the default, block by block, then one by one."""
-        self._try_in_blocks(_steps_with_defaults)
+        self._try_in_blocks(_steps_with_default_picks)
         i = 0
         while i < len(self.best.steps):
             picks = self.best.steps["choice"]["pick"][i]
@@ -382,7 +386,7 @@ class Shrinker:
 
 
 def _choice_mask(steps: Steps) -> npt.NDArray[np.bool_]:
-    """The entries of `choice` that each step uses: (n,) -> (n, CHOICES_MAX)."""
+    """A mask of the entries of `choice` that each step uses: (n,) -> (n, CHOICES_MAX)."""
     room = steps["choice"].shape[1]
     mask: npt.NDArray[np.bool_] = np.arange(room)[None, :] < steps["choices"][:, None]
     return mask
@@ -392,7 +396,7 @@ def _choice_mask(steps: Steps) -> npt.NDArray[np.bool_]:
 
 
 def _change_answers(stream: int, count: int, pick: int) -> Change:
-    """The change that answers every question of this stream with the same alternative."""
+    """The change that picks the same alternative for every question of this stream."""
 
     def set_picks(steps: Steps) -> Steps:
         choice = steps["choice"]
@@ -411,7 +415,7 @@ def _change_to_lost(actor: int) -> Change:
     return lose_releases
 
 
-def _steps_with_defaults(steps: Steps) -> Steps:
+def _steps_with_default_picks(steps: Steps) -> Steps:
     steps["choice"]["pick"] = 0
     return steps
 
@@ -427,7 +431,7 @@ def _steps_at_releases(steps: Steps) -> Steps:
 
 
 def _change_to_first(actor: int) -> Change:
-    """The change that makes an actor the first one of every instant."""
+    """The change that makes an actor the first to step in every instant."""
     return lambda steps: steps[np.lexsort((steps["actor"] != actor, steps["time"]))]
 
 
@@ -444,7 +448,7 @@ def _steps_by_release(steps: Steps) -> Steps:
 
 
 def _steps_by_continuing_actor(steps: Steps) -> Steps:
-    """The steps, sorted within each instant so that an actor continues from one to the next."""
+    """The steps, sorted in each instant so that actors continue into the next instant."""
     groups = np.split(np.arange(len(steps)), np.flatnonzero(np.diff(steps["time"])) + 1)
     actor = steps["actor"]
     order: list[int] = []
@@ -459,6 +463,6 @@ def _steps_by_continuing_actor(steps: Steps) -> Steps:
     return steps[order]
 
 
-def _steps_with_one_moved(steps: Steps, number: int, place: int) -> Steps:
+def _steps_with_one_at_new_place(steps: Steps, number: int, place: int) -> Steps:
     order = np.insert(np.delete(np.arange(len(steps)), number), place, number)
     return steps[order]

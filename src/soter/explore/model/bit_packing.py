@@ -52,12 +52,12 @@ def u64(value: int) -> c.CExpr:
 
 
 def small_constant(value: int) -> c.CExpr:
-    """A constant beside a uint64_t: a mask, an index or a shift."""
+    """A C constant for use beside a uint64_t: a mask, an index or a shift."""
     return c.Number(f"{value}U") if value < 2**31 else u64(value)
 
 
 def as_u64(e: c.CExpr) -> c.CExpr:
-    """The cast of an expression to uint64_t."""
+    """A cast of an expression to uint64_t."""
     return c.Cast("uint64_t", e)
 
 
@@ -65,7 +65,7 @@ def as_u64(e: c.CExpr) -> c.CExpr:
 
 
 def int_hulls(t: Type, bounds: Sequence[Bound | None], values: Iterable[Value]) -> list[Hull]:
-    """For each leaf of `leaves(t)`, the range of its ints: its set, `values`, 0 in unused items."""
+    """For each leaf of `leaves(t)`, the range of ints in its set, in `values` and unused items."""
     leaf_hulls: list[Hull] = []
     for (path, leaf), bound in zip(leaves(t), bounds, strict=True):
         if not isinstance(leaf, IntType):
@@ -86,7 +86,7 @@ def int_hulls(t: Type, bounds: Sequence[Bound | None], values: Iterable[Value]) 
 
 
 def leaf_values(t: Type, value: Value) -> list[list[Value]]:
-    """For each leaf of `leaves(t)`, the values that it has in `value`: several within a list."""
+    """The values that each leaf of `leaves(t)` has in `value`; within a list it has several."""
     if isinstance(t, RecordType):
         return [x for (_, f), v in zip(t.fields, value, strict=True) for x in leaf_values(f, v)]
     if isinstance(t, ArrayType):
@@ -113,7 +113,7 @@ def _shared_hulls(hulls: Sequence[Hull], count: int) -> list[Hull]:
 
 
 class Packing:
-    """Builds the C of `pack` and `unpack` together; `bits` are packed so far."""
+    """Builds the C of `pack` and `unpack` together; `bits`: how many bits are packed so far."""
 
     def __init__(self) -> None:
         self.pack: list[c.CStmt] = []
@@ -174,12 +174,12 @@ class Packing:
         return c.Binary("&", e, small_constant((1 << width) - 1)) if masked else e
 
     def align_to_word(self) -> None:
-        """Fills the current word up, so that the next field begins a new one."""
+        """Fills up the current word, so that the next field begins a new word."""
         self.store_last_word()
         self.bits += -self.bits % WORD
 
     def mask_words(self, wanted: Callable[[Label], bool]) -> list[int]:
-        """Words with ones in the fields of wanted labels, once all fields are packed."""
+        """Words whose bits are 1 in the fields of wanted labels; call it after the last field."""
         mask = 0
         for label, at, width in self.labelled:
             if wanted(label):
@@ -191,7 +191,7 @@ class Packing:
     def append_value(
         self, place: c.CExpr, t: Type, hulls: Sequence[Hull], present: c.CExpr | None = None
     ) -> None:
-        """Packs and unpacks a value of type `t`; it is packed as zeros if `present` is 0."""
+        """Packs and unpacks a value of type `t`; packs zeros in its place if `present` is 0."""
         if isinstance(t, RecordType):
             at = 0
             for name, field_type in t.fields:
@@ -262,7 +262,7 @@ class Packing:
         writes: list[c.CStmt],
         reads: list[c.CStmt],
     ) -> int:
-        """Adds a value, `at` bits behind `base`, to a loop's body; returns the bit behind it."""
+        """Adds a value, `at` bits after `base`, to a loop's body; returns the next free bit."""
         if isinstance(t, RecordType):
             first = 0
             for name, field_type in t.fields:
@@ -309,7 +309,7 @@ class Packing:
         return at + width
 
     def store_last_word(self) -> None:
-        """Stores the word that the last field has left partly empty, if it did."""
+        """Stores the word of the last field, if the field has left it partly empty."""
         if self.bits % WORD:
             index = c.IndexExpr(WORDS, small_constant(self.bits // WORD))
             self.pack.append(c.Assign(index, c.Name("w")))
@@ -352,7 +352,7 @@ def _value_width(t: Type, hulls: Sequence[Hull]) -> int:
 
 
 def _scalar_to_word(place: c.CExpr, t: Type, hull: Hull, present: c.CExpr | None) -> c.CExpr:
-    """The C that turns a stored scalar into bits: its distance from the low end of its hull."""
+    """The C that turns a stored scalar into bits, as the distance from the low end of its hull."""
     if isinstance(t, FloatType):
         e: c.CExpr = c.CallExpr("soter_float_bits", (place,))
     else:

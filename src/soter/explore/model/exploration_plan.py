@@ -32,12 +32,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedActor:
-    """A component or an input of a tested system; docs/testing.md. Times in ns.
+    """A component or an input of a tested system (docs/testing.md). Times in ns.
 
-    Exactly one of `component` and `input` is set. `dependent`: bit i is set iff steps of actor i
-    may not be swapped with its own; `outputs`: topics, in the order of the step's outputs. `reads`
-    and `writes`: the resources (`footprints.py`) on which a step's result depends, and those that
-    it may change.
+    Exactly one of `component` and `input` is set. `dependent`: bit i is set if steps of actor i may
+    not be swapped with steps of this actor; `outputs`: topics, in the order of the step's outputs.
+    `reads`: the resources (`footprints.py`) on which the result of a step depends; `writes`: those
+    that it may change.
     """
 
     name: str
@@ -60,8 +60,8 @@ class PlannedActor:
 class TimeChoices:
     """The grid on which steps that may be late choose their times.
 
-    Where the test declares no grid: `open`: places of the program that read the time so that no
-    grid covers it; `crowded`: those that compare more times than this grid is fine enough for.
+    If the test declares no grid: `open`: places of the program that read the time in a way that no
+    grid covers; `crowded`: places that compare more times than this grid distinguishes.
     """
 
     quantum_ns: int
@@ -73,10 +73,10 @@ class TimeChoices:
 class ExplorationPlan:
     """The actors and times of a search, and the parts of a configuration that can matter.
 
-    `read`: topics that anything reads; `aged`: topics whose age is read; `limited`: module inputs
-    whose `max_age` decides; `may_fault`: components whose step may fault; `times`: None where no
-    step has a choice; `repeats`: whether nothing reads the time, so that the future depends on the
-    configuration and the place in the calendar alone.
+    `read`: topics that any code reads; `aged`: topics whose age is read; `limited`: module inputs
+    whose `max_age` matters; `may_fault`: components whose step may fault; `times`: None if no step
+    has a choice; `repeats`: whether no code reads the time, so that only the configuration and the
+    point in the calendar decide the future.
     """
 
     actors: tuple[PlannedActor, ...]
@@ -96,7 +96,7 @@ class ExplorationPlan:
 
     @property
     def unheard_actors(self) -> frozenset[str]:
-        """The actors that write nothing which another actor or a property reads."""
+        """The names of actors whose writes no other actor and no property reads."""
         alone = [
             a.name
             for a in self.actors
@@ -179,7 +179,7 @@ def _ignores_time(system: System, footprints: Footprints) -> bool:
 
 
 def _time_choices(test: TestPlan, quantum: int, read: TimesRead) -> TimeChoices:
-    """The grid of times and the places it does not cover; none for a grid that a test declares."""
+    """The grid of times, and the places that it does not cover; () if the test declares a grid."""
     return (
         TimeChoices(quantum, (), ())
         if test.quantum_ns
@@ -219,7 +219,7 @@ def _calendars(system: System, test: TestPlan) -> Iterator[_Calendar]:
 def _time_grid(
     system: System, test: TestPlan, calendars: list[_Calendar], quantum: int
 ) -> tuple[int, int]:
-    """(quantum, tick) in ns: steps are late by multiples of the quantum; times are ticks."""
+    """The quantum and the tick in ns: lateness is a multiple of the quantum, a time of the tick."""
     times = [test.skew_ns, *(t for f in test.faults for t in (f.by_ns, f.least_ns))]
     for calendar in calendars:
         times += [calendar.period_ns, calendar.phase_ns]
@@ -243,7 +243,7 @@ class IndependentPart:
 
 @dataclass(frozen=True)
 class SharedProperty:
-    """A property, judged at ends of instants, that reads several parts, by their numbers."""
+    """A property, judged at ends of instants, that reads several parts; `parts`: their numbers."""
 
     property: int
     parts: tuple[int, ...]
@@ -251,7 +251,7 @@ class SharedProperty:
 
 @dataclass(frozen=True)
 class IndependentParts:
-    """Parts that share no resource; `joints`: the properties judged on several of them."""
+    """Parts that share no resource; `joints`: the properties judged on several of these parts."""
 
     parts: tuple[IndependentPart, ...]
     joints: tuple[SharedProperty, ...]
@@ -260,7 +260,7 @@ class IndependentParts:
 def find_joined_parts(
     system: System, lowered: CoreSystem, plan: ExplorationPlan
 ) -> IndependentParts | None:
-    """The parts that only properties join; None: none do, or a step may be late."""
+    """The parts that only properties join; None without such parts, or if a step may be late."""
     properties = _property_reads(system, lowered, plan)
     if properties is None or any(a.window_ns or a.overrun_ns for a in plan.actors):
         return None
@@ -280,7 +280,7 @@ def find_joined_parts(
 def find_parts(
     system: System, lowered: CoreSystem, plan: ExplorationPlan
 ) -> tuple[IndependentPart, ...]:
-    """The parts that share nothing, in the order of their first actors; one part if unclear."""
+    """The parts that share nothing, in order of their first actors; a single part if unclear."""
     properties = _property_reads(system, lowered, plan)
     if properties is None or (  # a step may happen when another part's did, off the grid
         plan.timely
@@ -298,7 +298,7 @@ def find_parts(
 def _property_reads(
     system: System, lowered: CoreSystem, plan: ExplorationPlan
 ) -> list[set[Label]] | None:
-    """The resources that each property reads; None: one reads the time, or masks are too narrow."""
+    """The resources that each property reads; None if a property reads time or masks overflow."""
     assert system.test is not None
     footprints = Footprints(system, lowered)
     if system.test.timed or TIME in footprints.all_property_reads():
@@ -325,19 +325,19 @@ def _bit_mask(bits: Iterable[int]) -> int:
 
 
 class _Groups:
-    """Disjoint sets of actors that can be joined; the least member names a set."""
+    """Disjoint sets of actors, which can be joined; the least member stands for the set."""
 
     def __init__(self, count: int) -> None:
         self._root = list(range(count))
 
     def root_of(self, member: int) -> int:
-        """The least member of a member's set."""
+        """The least member of the set that has this member."""
         while self._root[member] != member:
             member = self._root[member]
         return member
 
     def join(self, members: list[int]) -> None:
-        """Makes one set of the sets of all members."""
+        """Joins the sets of all these members into one set."""
         roots = sorted({self.root_of(i) for i in members})
         for r in roots[1:]:
             self._root[r] = roots[0]
@@ -347,7 +347,7 @@ class _Groups:
         return [i for i, root in enumerate(self._root) if i == root]
 
     def parts_with_properties(self, judged_by: Mapping[int, int]) -> tuple[IndependentPart, ...]:
-        """A part for each set of actors; `judged_by`: the set on which each property is judged."""
+        """A part for each set of actors; `judged_by`: the set that judges each property."""
         members = range(len(self._root))
         return tuple(
             IndependentPart(

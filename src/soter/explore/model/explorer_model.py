@@ -44,7 +44,7 @@ KINDS = {
 
 @dataclass(frozen=True)
 class ExplorerModel:
-    """The generated unit with its model, whose name in C is `symbol`.
+    """The generated unit with its model; `symbol` is the model's name in C.
 
     `configuration_size`: in bytes; `leaves`: topic and path of the leaves for coverage, in order.
     """
@@ -111,8 +111,8 @@ class _ModelBuilder(UnitBuilder):
         self.configuration, self.configuration_size = configurations.name, configurations.size
         self.bits, self.held_at = packing.bits, configurations.held_at
         pack_name, unpack_name, self.symbol = unique("pack"), unique("unpack"), unique("model")
-        predicates, timed = self._timed_table()
-        premise_functions, premises = self._premise_table()
+        predicates, timed = self._timed_functions_and_table()
+        premise_functions, premises = self._premise_functions_and_table()
         leaf = self._leaf_table()
         tables = {
             "actor": self._actor_table(packing),
@@ -144,7 +144,7 @@ class _ModelBuilder(UnitBuilder):
     def _table(
         self, type_: str, name: str, rows: list[c.CExpr], before: list[c.CTop], comment: str
     ) -> Table:
-        """A table of these rows, behind the definitions `before`; `NULL` if there are no rows."""
+        """A table of these rows, after the definitions `before`; `NULL` if it has no rows."""
         if not rows:
             return before, c.Name("NULL")
         unique_name = self.types.unique(name)
@@ -155,7 +155,7 @@ class _ModelBuilder(UnitBuilder):
     def _mask_table(
         self, packing: Packing, name: str, wanted: Callable[[Label], bool], before: list[c.CTop]
     ) -> Table:
-        """The table of words with ones where the wanted fields are packed, and its C name."""
+        """The table of words with ones in the wanted packed fields, and the table's C name."""
         words = [u64(x) for x in packing.mask_words(wanted)]
         return self._table("uint64_t", name, words, before, "")
 
@@ -170,8 +170,8 @@ class _ModelBuilder(UnitBuilder):
         }
         return {name: self._mask_table(packing, name, test, []) for name, test in wanted.items()}
 
-    def _first_leaf(self, topic: int) -> int:
-        """The number of a topic's first leaf; the number of all leaves if it has none."""
+    def _first_leaf_number(self, topic: int) -> int:
+        """The number of a topic's first leaf; the number of all leaves if the topic has none."""
         numbers = (i for i, x in enumerate(self.leaves) if x.topic == topic)
         return next(numbers, len(self.leaves))
 
@@ -183,7 +183,7 @@ class _ModelBuilder(UnitBuilder):
             before, outputs = self._table(
                 "uint32_t", f"outputs_{i}", topics, before, f"outputs of {actor.name}"
             )
-            first = [c.Number(f"{self._first_leaf(topic)}U") for topic in actor.outputs]
+            first = [c.Number(f"{self._first_leaf_number(topic)}U") for topic in actor.outputs]
             before, leaf = self._table("uint32_t", f"leaf_{i}", [*first], before, "")
             verdicts = self._verdict_labels(actor)
             reads, writes = actor.reads | verdicts, actor.writes | verdicts
@@ -223,8 +223,8 @@ class _ModelBuilder(UnitBuilder):
             return set()
         return {("verdict", component.module)}
 
-    def _timed_table(self) -> tuple[list[c.CTop], Table]:
-        """The functions of the conditions of timed properties and their premises; their table."""
+    def _timed_functions_and_table(self) -> tuple[list[c.CTop], Table]:
+        """C functions of the conditions and premises of timed properties, and their table."""
         functions: list[c.CTop] = []
         rows: list[c.CExpr] = []
         for timed, lowered in zip(self.test.timed, self.core.timed, strict=True):
@@ -250,8 +250,8 @@ class _ModelBuilder(UnitBuilder):
             )
         return functions, self._table("soter_timed", "timed", rows, [], "timed properties")
 
-    def _premise_table(self) -> tuple[list[c.CTop], Table]:
-        """The functions of the premises of implications, and their table; NULL without them."""
+    def _premise_functions_and_table(self) -> tuple[list[c.CTop], Table]:
+        """C functions of the premises of implications, and their table; NULL if none exist."""
         functions: list[c.CTop] = []
         rows: list[c.CExpr] = []
         for prop, premise in zip(self.system.properties, self.core.premises, strict=True):
@@ -315,7 +315,7 @@ class _ModelBuilder(UnitBuilder):
         pack: str,
         unpack: str,
     ) -> c.VariableDef:
-        """The `soter_model`; `tables`: those of its members that are tables, by name.
+        """The `soter_model`; `tables`: by member of the model, the C of its table.
 
         `plain`: no age and no deadline is packed; `brief`: no step lasts, so no output is held.
         """
@@ -377,5 +377,5 @@ def _type_range(t: Type) -> tuple[float, float]:
 
 
 def _bounds_outside_lists(t: Topic) -> list[Bound | None]:
-    """The bounds of a topic's leaves, without those inside lists."""
+    """The bounds of a topic's leaves; leaves inside lists are left out."""
     return [b for (path, _), b in zip(leaves(t.type), t.bounds, strict=True) if "[]" not in path]

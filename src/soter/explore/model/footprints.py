@@ -39,9 +39,9 @@ TIME: Label = ("time", 0)
 
 @dataclass
 class Effects:
-    """The resources that a step may read and write; `timed`: whether it reads the time.
+    """The resources that a step may read and write; `timed`: whether the step reads the time.
 
-    `keeps`: it may leave resources of `writes` as they were, so that its result depends on them.
+    `keeps`: whether the step may leave `writes` unchanged, so that their old values matter.
     """
 
     reads: set[Label] = field(default_factory=set)
@@ -63,7 +63,7 @@ class Footprints:
         self.system = system
         self.core = lowered
         self.facts = [
-            n for root in _code_that_runs(lowered) for n in walk(root) if isinstance(n, core.Fact)
+            n for root in _impure_code(lowered) for n in walk(root) if isinstance(n, core.Fact)
         ]
         """Every read of a fact, such as the time or an age, in the code that runs."""
 
@@ -76,7 +76,7 @@ class Footprints:
         return tuple(o.topic for o in step.outputs) if step else ()
 
     def actor_effects(self, component: int | None, drive: int | None) -> Effects:
-        """The effects of an actor's steps."""
+        """The resources that the steps of an actor may read and write."""
         effects = Effects()
         outputs = set(self.output_topics(component, drive))
         if component is not None:
@@ -134,7 +134,7 @@ class Footprints:
         effects.reads |= {("stamp", t) for t in footprint.stamps}
 
     def _add_decision_effects(self, module: int, effects: Effects) -> None:
-        """Adds the effects of a DM: it reads its topics, may change mode, both OE, and the gate."""
+        """Adds the effects of a DM: input reads, and changes of the mode, the gate and both OE."""
         decision, m = self.core.decisions[module], self.system.modules[module]
         effects.keeps = True
         self._add_predicate(decision.ttf, effects)
@@ -163,7 +163,7 @@ class Footprints:
     # ------------------------------------------------------------ properties
 
     def property_reads(self, index: int) -> set[Label]:
-        """The resources that a property reads; none for a contract, which its node's step reads."""
+        """The resources that a property reads; for a contract none, as a node's step reads them."""
         if _is_contract(self.system.properties[index]):
             return set()
         effects = Effects()
@@ -171,7 +171,7 @@ class Footprints:
         return effects.reads | ({TIME} if effects.timed else set())
 
     def timed_property_reads(self, index: int) -> set[Label]:
-        """The resources that a timed property reads, and those by which an invariant changes."""
+        """The resources that a timed property reads; for an invariant, also those of its module."""
         assert self.system.test is not None
         effects = Effects()
         timed = self.core.timed[index]
@@ -188,7 +188,7 @@ class Footprints:
         return effects.reads
 
     def all_property_reads(self) -> set[Label]:
-        """The resources that some property of configurations reads."""
+        """All resources that properties of the test read."""
         assert self.system.test is not None
         labels: set[Label] = set()
         for p in range(len(self.system.properties)):
@@ -210,19 +210,19 @@ class Footprints:
         )
 
     def aged_topics(self) -> set[int]:
-        """The topics whose exact age matters: code reads it, or a latch depends on it."""
+        """The topics whose exact age matters, as code reads the age or a latch depends on it."""
         latched = [m for m in self.system.modules if m.acknowledgement is not None]
         latches = {t for m in latched for t in (m.latch, m.acknowledgement) if t is not None}
         return latches | {f.index for f in self.facts if f.fact == "age"}
 
     def limited_inputs(self) -> set[int]:
-        """The module inputs whose age, against their `max_age`, decides a switch."""
+        """The module inputs that have a `max_age`, so that their age can decide a switch."""
         inputs = {t for m in self.system.modules if m.forced is None for t in m.inputs}
         return {t for t in inputs if self._max_age_ns(t) is not None}
 
 
-def _code_that_runs(lowered: core.CoreSystem) -> Iterator[object]:
-    """Yields all Core of steps, decisions and properties, but for functions, which are pure."""
+def _impure_code(lowered: core.CoreSystem) -> Iterator[object]:
+    """Yields the Core of all steps, decisions and properties; functions are pure, so left out."""
     yield from (_step_code(step) for step in lowered.nodes.values())
     yield from (_step_code(step) for step in lowered.plants.values())
     predicates = list(lowered.properties)
@@ -254,12 +254,12 @@ def _cell_label(cell: core.Cell) -> Label:
 
 
 def _owns_queue(x: Component, queue: str) -> bool:
-    """Whether a queue belongs to the component; True also if it belongs to one inside that."""
+    """Whether a queue belongs to the component or to a component inside it."""
     return queue.startswith(f"{x.name}.")
 
 
 def _is_contract(p: Property) -> bool:
-    """Whether a property is a contract, which is judged as its node steps."""
+    """Whether a property is a contract, which is judged when its node steps."""
     return p.component is not None
 
 

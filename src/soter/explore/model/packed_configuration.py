@@ -30,7 +30,7 @@ X, S, NOW, SINCE_START = c.Name("x"), c.Name("s"), c.Name("now"), c.Name("from")
 
 @dataclass(frozen=True)
 class AgeingField:
-    """A packed field that changes as time passes; `kind`: a C constant; `most`: its largest one."""
+    """A packed field that changes as time passes, of kind `kind` and with values up to `most`."""
 
     at: int
     width: int
@@ -39,12 +39,12 @@ class AgeingField:
 
 
 def deadline_ns(system: System, t: TimedProperty) -> int:
-    """The deadline of a timed property in ns; an invariant has 2 periods of its module."""
+    """The deadline of a timed property in ns; for an invariant, two periods of its module."""
     return t.within_ns if t.module is None else 2 * system.modules[t.module].period_ns
 
 
 class ConfigurationEmitter:
-    """Emits the struct, `pack` and `unpack`; `packing`: where the fields lie in the words."""
+    """Emits the struct, `pack` and `unpack`; `packing` says where each field lies in the words."""
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class ConfigurationEmitter:
     def _pack_ageing_field(
         self, p: Packing, value: c.CExpr, width: int, kind: str, most: int = 0
     ) -> c.CExpr:
-        """Packs a field that changes as time passes, and notes it in `ageing`."""
+        """Packs a field that changes as time passes, and adds it to `ageing`."""
         self.ageing.append(AgeingField(p.bits, width, kind, most))
         return p.add_field(value, width)
 
@@ -155,7 +155,7 @@ class ConfigurationEmitter:
         return p
 
     def _pack_schedule(self, p: Packing) -> None:
-        """Packs how far each actor's releases are ahead of those due; then its lost releases."""
+        """Packs each actor's lost releases, and how many releases it is ahead of its schedule."""
         shared: dict[tuple[int, int, int], c.CExpr] = {}
         for number, actor in enumerate(self.plan.actors):
             key = (
@@ -184,7 +184,7 @@ class ConfigurationEmitter:
             p.unpack.append(c.Assign(lost, c.Cast("uint32_t", got)))
 
     def _required_releases(self, p: Packing, key: tuple[int, int, int]) -> c.CExpr:
-        """The releases that must have been made by now; `key`: window, phase, period in ticks."""
+        """The number of releases due by now; `key` is (window, phase, period) in ticks."""
         name = p.new_name("must")
         times = *(int_number(t) for t in key), int_number(self._to_ticks(self.plan.horizon_ns))
         call = c.CallExpr("soter_must", (c.Name("n"), *times))
@@ -193,7 +193,7 @@ class ConfigurationEmitter:
         return c.Name(name)
 
     def _pack_timed_properties(self, p: Packing) -> None:
-        """Packs the open deadlines, and for invariants the last verdict and whether SC acted."""
+        """Packs the open deadlines; for an invariant, its last verdict and whether SC has acted."""
         tick = int_number(self.plan.tick_ns)
         for number, timed in enumerate(self.test.timed):
             p.label = ("due", number)
@@ -240,7 +240,7 @@ class ConfigurationEmitter:
         p.unpack.append(c.Assign(record, c.Initializer((*items, ("mode", mode)), "soter_module")))
 
     def _pack_component(self, p: Packing, component: Component) -> None:
-        """Packs a component's latch and `had_control`; the mode gives whether it is enabled."""
+        """Packs a component's latch and `had_control`; unpacking computes `oe` from the mode."""
         record = c.IndexExpr(c.Arrow(S, "components"), c.Number(str(component.index)))
         enabled = self._enabled_expression(component)
         items: list[tuple[str | None, c.CExpr]] = [("oe", enabled)]
@@ -265,7 +265,7 @@ class ConfigurationEmitter:
         return c.Ternary(same, c.Number("1U"), c.Number("0U"))
 
     def _pack_stamps(self, p: Packing) -> None:
-        """Packs the ages that matter; those above the limit of their topic are all packed alike."""
+        """Packs the ages that matter; all ages above the limit of a topic get the same value."""
         tick = int_number(self.plan.tick_ns)
         for topic in self.system.topics:
             p.label = ("stamp", topic.index)
@@ -303,7 +303,7 @@ class ConfigurationEmitter:
                 )
 
     def _int_ranges(self, t: Topic) -> list[tuple[int, int] | None]:
-        """The ranges of a topic's ints: its set, and the values that it may start with."""
+        """The range of each int in a topic, from its set and the values that it may start with."""
         source = t.index if t.queue_of is None else t.queue_of
         values = [v for d in self.system.inputs if d.topic == source for v in d.values]
         values += [x.failsafe[source] for x in self.system.components if source in x.failsafe]
@@ -324,7 +324,7 @@ class ConfigurationEmitter:
             )
 
     def _pack_held_outputs(self, p: Packing, number: int) -> None:
-        """Packs the outputs of an overrunning step, which it has yet to publish."""
+        """Packs the outputs that an overrunning step has not yet published."""
         p.label = ("held", number)
         actor, tick = self.plan.actors[number], int_number(self.plan.tick_ns)
         held = c.Arrow(X, f"held_{number}")
@@ -382,7 +382,7 @@ class ConfigurationEmitter:
         return c.FunctionDef("void", name, parameters, body, doc)
 
     def unpack_function(self, name: str) -> c.FunctionDef:
-        """The C function that unpacks words; fields that are not packed get fixed values."""
+        """The C function that unpacks words; a field that is not packed gets a fixed value."""
         zero, n = c.Number("0"), c.Name("n")
         header = c.Arrow(S, "header")
         none = c.Initializer((("first_ns", c.Name("SOTER_NEVER")),), "soter_property")
@@ -424,5 +424,5 @@ class ConfigurationEmitter:
 
 
 def _padding_members(size: int, number: int) -> list[c.StructMember]:
-    """The struct member that fills `size` bytes up to a multiple of 8, if one is needed."""
+    """The struct member that fills `size` bytes up to a multiple of 8; [] if none is needed."""
     return [c.StructMember("uint8_t", f"pad_{number}", -size % 8)] if size % 8 else []

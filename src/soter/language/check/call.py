@@ -61,7 +61,7 @@ ARITY = {"min": 2, "max": 2, "dot": 2, "saturate": 2}
 
 
 class CallChecker(FieldChecker):
-    """The part of the expression checker for calls."""
+    """Checks calls; it is one of the base classes of the expression checker."""
 
     def check_call(
         self, expr: tree.CallExpr, context: Context, expected: Type | None
@@ -126,7 +126,7 @@ class CallChecker(FieldChecker):
         return self._error_after_arguments(expr, context)
 
     def _error_after_arguments(self, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
-        """Checks the arguments for errors of their own, and gives an ERROR expression."""
+        """Checks the arguments, to report their errors too, and gives an ERROR expression."""
         for argument in expr.arguments:
             self.check(argument, context)
         return error_expr(expr.span)
@@ -150,7 +150,7 @@ class CallChecker(FieldChecker):
     def _unknown_call_helps(
         self, name: str, span: Span, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> tuple[Help, ...]:
-        """Gives helps for a call of an unknown function, whose name at `span` they may replace."""
+        """Gives helps for a call of an unknown function; an edit may replace the name at `span`."""
         helps = (
             call_hints.random_call_helps(name, expr, context)
             or call_hints.foreign_call_helps(name, expr)
@@ -163,7 +163,7 @@ class CallChecker(FieldChecker):
         return helps
 
     def _help_with_similar_function(self, name: str, context: Context) -> tuple[Help, ...]:
-        """Gives a help with a function of a similar name, which takes other arguments."""
+        """Gives a help that shows a function of a similar name; () if no name is similar."""
         public = (n for n in (*context.scope.entries, *self.names.prelude) if n[0] != "_")
         near = likely_name(name, [n for n in public if self._arity_of(n, context) is not None])
         entry = context.scope.entries.get(near or "") or self.names.prelude.get(near or "")
@@ -173,7 +173,7 @@ class CallChecker(FieldChecker):
         return (f"there is `{near}({parameters})`",)
 
     def _arity_of(self, name: str, context: Context) -> int | None:
-        """Gives how many arguments the function of this name takes; None if no function has it."""
+        """Gives how many arguments the function `name` takes; None if no such function exists."""
         if name in TAKES:
             return ARITY.get(name, 1)
         entry = context.scope.entries.get(name) or self.names.prelude.get(name)
@@ -183,7 +183,7 @@ class CallChecker(FieldChecker):
     def _refuse_call(
         self, kind: str, name: str, expr: tree.CallExpr, context: Context
     ) -> typed.TypedExpr:
-        """Reports T004 for a call of a value or a type, with helps for its name."""
+        """Reports T004 for a call of a value or a type, and adds helps for the called name."""
         callee = expr.callee
         last = name.rpartition(".")[2]
         helps: tuple[Help, ...] = ()
@@ -207,7 +207,7 @@ class CallChecker(FieldChecker):
         return self._error_after_arguments(expr, context)
 
     def _refuse_call_of_type(self, entry: Entry, expr: tree.CallExpr) -> typed.TypedExpr:
-        """Reports T004 for `Vec2(1.0, 2.0)`, with the literal as help."""
+        """Reports T004 for a call such as `Vec2(1.0, 2.0)`, and suggests the record literal."""
         symbol = self.shared.resolve(entry, expr.callee.span)
         return self.refuse(
             "T004",
@@ -218,7 +218,7 @@ class CallChecker(FieldChecker):
         )
 
     def _value_call_helps(self, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
-        """Gives helps to drop the brackets after a value, or to index it; () if it is no value."""
+        """Gives helps to drop or replace the parentheses after a value; () if it is no value."""
         with self.diagnostics.trial() as sound:
             value = self.check_in_place(expr.callee, context)
         return call_hints.value_call_helps(value, expr) if sound() and not has_error(value) else ()
@@ -284,7 +284,7 @@ class CallChecker(FieldChecker):
     def _report_unknown_function(
         self, name: tree.Name, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> None:
-        """Reports N001 of an unknown function, with similar ones that take as many arguments."""
+        """Reports N001 for an unknown function, with similar ones that fit the arguments."""
         fits = [
             n
             for n in (*TAKES, *context.scope.entries, *self.names.prelude)
@@ -403,7 +403,7 @@ class CallChecker(FieldChecker):
     def _declared_module(
         self, names: Sequence[tree.Name], argument: tree.SyntaxExpr, context: Context, builtin: str
     ) -> typed.ModuleSymbol | None:
-        """Gives the module that these names mean; None after a report."""
+        """Gives the module that these names mean; None after a reported error."""
         ref = tree.Ref(names[0] if len(names) > 1 else None, names[-1], argument.span)
         entry = self.names.find_ref(context.scope, ref)
         if entry is None:
@@ -418,7 +418,7 @@ class CallChecker(FieldChecker):
     def _refuse_non_module(
         self, builtin: str, span: Span, found: str, helps: tuple[Help, ...] = ()
     ) -> None:
-        """Reports T002 for `mode` or `margin` of something that is no module."""
+        """Reports T002 for `mode` or `margin` applied to something that is no module."""
         self.diagnostics.error(
             "T002", f"`{builtin}` takes a module", span, f"this is {found}", helps=helps
         )
@@ -438,7 +438,7 @@ _CONVERSIONS: dict[str, tuple[Type, tuple[type[Type], ...]]] = {
 
 
 def _builtin_result_type(name: str, arguments: list[typed.TypedExpr]) -> Type | None:
-    """Gives the result type of a builtin or None; int literals of `arguments` may become floats."""
+    """Gives the result type of a builtin, or None; int literals in the list may become floats."""
     first = arguments[0].type
     if name in {"sqrt", "floor"}:
         as_float = float_literal(arguments[0])
@@ -458,7 +458,7 @@ def _builtin_result_type(name: str, arguments: list[typed.TypedExpr]) -> Type | 
 
 
 def _saturate_type(arguments: list[typed.TypedExpr]) -> Type | None:
-    """Gives the result type of `saturate` or None; an int literal as its bound becomes a float."""
+    """Gives the result type of `saturate`, or None; an int literal as limit becomes a float."""
     first = arguments[0].type
     bound = float_literal(arguments[1]) or arguments[1]
     if isinstance(bound.type, FloatType) and (is_vector(first) or isinstance(first, FloatType)):
@@ -468,6 +468,6 @@ def _saturate_type(arguments: list[typed.TypedExpr]) -> Type | None:
 
 
 def _expected_argument_type(name: str, expected: Type | None) -> Type | None:
-    """Gives FLOAT if a builtin's arguments that are int literals should become floats; or None."""
+    """Gives FLOAT if int literals as arguments of the builtin should become floats, else None."""
     keeps = isinstance(expected, FloatType) and name in {"abs", "min", "max"}
     return FLOAT if keeps or name in {"sqrt", "floor"} else None

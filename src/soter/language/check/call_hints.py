@@ -36,7 +36,7 @@ ELEMENTS_MAX = 16
 def value_call_helps(
     value: typed.TypedExpr, expr: tree.CallExpr, subject: str = "it is"
 ) -> tuple[Help, ...]:
-    """Gives helps for a value called as a function: `rays[1]` for `rays(1)`, `x` for `x()`."""
+    """Gives helps for a value called as a function, such as `rays[0]` for `rays(1)`."""
     text = expr.callee.span.text
     if isinstance(value.type, (ArrayType, ListType)) and len(expr.arguments) == 1:
         index = expr.arguments[0]
@@ -50,7 +50,7 @@ def value_call_helps(
 
 
 def type_call_helps(called: Type, expr: tree.CallExpr) -> tuple[Help, ...]:
-    """Gives helps for `Vec2(1.0, 2.0)`, `Report(lamp=lamp)`, `Gear(1)`: a literal or a member."""
+    """Gives helps for a type that is called, such as `Vec2(1.0, 2.0)`: a literal or a member."""
     if isinstance(called, EnumType):
         return (f"name the case: `{expr.callee.span.text}.{called.members[0]}`",)
     if not isinstance(called, RecordType):
@@ -69,7 +69,7 @@ def type_call_helps(called: Type, expr: tree.CallExpr) -> tuple[Help, ...]:
 def _value_by_field(
     arguments: Sequence[tree.SyntaxExpr], names: Sequence[str]
 ) -> dict[str, str] | None:
-    """Gives field -> text of its argument, by name or by place; None if they do not match."""
+    """Gives field -> text of its argument, by name or by position; None if they do not match."""
     values = [_field_and_value(a, names) for a in arguments]
     if len(values) != len(names) or None in values:
         return None
@@ -78,7 +78,7 @@ def _value_by_field(
 
 
 def _field_and_value(argument: tree.SyntaxExpr, names: Sequence[str]) -> tuple[str, str] | None:
-    """Gives field and value of an argument `lamp=x`, parsed as `==`; ("", "x") for `x` alone."""
+    """Gives field and value of an argument `lamp=x`, parsed as `==`; ("", "x") for a bare `x`."""
     if not isinstance(argument, tree.BinaryExpr) or argument.op != "==":
         return "", argument.span.text
     name = argument.left
@@ -88,7 +88,7 @@ def _field_and_value(argument: tree.SyntaxExpr, names: Sequence[str]) -> tuple[s
 
 
 def random_call_helps(name: str, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
-    """Gives helps for `randint(0, 1)`, `np.random.uniform(-a, a)`: a choice or a disturbance."""
+    """Gives helps for calls such as `randint(0, 1)`: `choose` or a disturbance instead."""
     if name not in RANDOM:
         return ()
     bounds = [a.span.text for a in expr.arguments[:2]] if len(expr.arguments) == 2 else []
@@ -114,7 +114,7 @@ def _is_int_literal(e: tree.SyntaxExpr) -> bool:
 
 
 def array_call_helps(name: str, expr: tree.CallExpr, expected: Type | None) -> tuple[Help, ...]:
-    """Gives helps with a literal for calls that make arrays: `zeros(3)`, `np.array([1.0, 2.0])`."""
+    """Gives helps with a literal for calls that make arrays, such as `zeros(3)`."""
     arguments = expr.arguments
     if name in WRAPPED and len(arguments) == 1:
         return (replace(expr.span, arguments[0].span.text),)
@@ -130,7 +130,7 @@ def array_call_helps(name: str, expr: tree.CallExpr, expected: Type | None) -> t
 
 
 def repeated_literal(t: Type, value: str) -> str:
-    """Gives the text of a literal of type `t` with all floats `value`; "" for other types."""
+    """Gives the text of a literal of type `t` whose floats are all `value`; "" for other types."""
     if isinstance(t, FloatType):
         return value
     if isinstance(t, ArrayType) and t.size <= ELEMENTS_MAX:

@@ -26,7 +26,7 @@ NAMES_IN_CYCLE = 8
 
 
 class Checker:
-    """One run of the checker over a loaded program; the other checkers see it as `Shared`."""
+    """Checks one loaded program; the other checkers reach it through the protocol `Shared`."""
 
     def __init__(
         self, loaded: LoadedProgram, diagnostics: Diagnostics, meanings: Meanings | None = None
@@ -59,7 +59,7 @@ class Checker:
         self._absorbed = [0, 0]
 
     def check_program(self) -> typed.TypedProgram:
-        """Checks all declarations and gives the program, which has gaps if there were errors."""
+        """Checks all declarations; gives the program, which is incomplete after errors."""
         for prelude in self.loaded.prelude:
             self.names.add_prelude(prelude)
         main = self.names.add_program(self.loaded.main)
@@ -102,17 +102,17 @@ class Checker:
         return self.damage_counts() == before
 
     def check_body_later(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
-        """Notes a body to be checked once every signature is known; systems come last."""
+        """Queues a body to be checked once every signature is known; systems come last."""
         late = isinstance(symbol, (typed.SystemSymbol, typed.TestSymbol))
         (self._late_bodies if late else self._bodies).append((symbol, decl, scope))
 
     def damage_counts(self) -> tuple[int, int]:
-        """Gives counts of errors and losses; they grow while a damaged declaration is checked."""
+        """Gives the counts of errors and losses; both grow when a declaration has errors."""
         errors, losses = self._absorbed
         return self.diagnostics.error_count - errors, self.names.losses - losses
 
     def absorb_damage(self, before: tuple[int, int]) -> None:
-        """Takes what the damage counts grew by since `before` out of them again."""
+        """Subtracts from the damage counts the damage that has been counted since `before`."""
         now = self.damage_counts()
         self._absorbed[0] += now[0] - before[0]
         self._absorbed[1] += now[1] - before[1]
@@ -120,18 +120,18 @@ class Checker:
     # ------------------------------------------------------------ resolution on demand
 
     def resolve(self, entry: Entry, span: Span, *, use: bool = True) -> object:
-        """Gives the symbol of a declaration, which is checked first if it was not; or None."""
+        """Gives the symbol of a declaration, which it checks first if necessary; or None."""
         if use:
             entry.used = True
         if entry.state == "resolving":
             self._report_cycle(self._resolving[self._resolving.index(entry) :], span)
         elif entry.state == "new":
-            self._resolve_now(entry)
+            self._resolve_entry(entry)
         if entry.symbol is None:
             self.names.losses += 1
         return entry.symbol
 
-    def _resolve_now(self, entry: Entry) -> None:
+    def _resolve_entry(self, entry: Entry) -> None:
         entry.state = "resolving"
         self._resolving.append(entry)
         outer, self.calls.current = self.calls.current, None
@@ -172,7 +172,7 @@ class Checker:
     def topic_of_instance(
         self, system: typed.SystemSymbol, prefix: list[str], topic: typed.TopicSymbol, span: Span
     ) -> typed.TopicSymbol:
-        """Gives the one symbol that stands for a topic of the sub-system instance at `prefix`."""
+        """Gives the symbol of a topic of the sub-system at `prefix`; the same one in each call."""
         key = (id(system), tuple(prefix), id(topic))
         known = self._known_stand_ins.get(key)
         if known is None:

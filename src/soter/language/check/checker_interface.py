@@ -50,9 +50,9 @@ CHAINING = {"type", "constant", "parameter", "function", "system"}
 
 
 def entries_by_need(entries: list[Entry], names: Names) -> tuple[list[Entry], list[Circle]]:
-    """Gives the entries, each after those that it mentions, and the circles without functions.
+    """Gives the entries, each after the entries it mentions, and the circles without functions.
 
-    As a name in a function may mean a local, the checker finds circles with functions later.
+    The checker finds circles with functions later, because a name in a function may be a local.
     """
     if len(entries) <= SHORT:
         return entries, []
@@ -87,7 +87,7 @@ def entries_by_need(entries: list[Entry], names: Names) -> tuple[list[Entry], li
 
 
 def _chained_entries(entry: Entry, names: Names) -> Iterator[tuple[Entry, Span]]:
-    """Yields each mentioned entry that may itself need others, with the place of its mention."""
+    """Yields each mentioned entry that may mention others, with the place of the mention."""
     if entry.kind not in CHAINING:
         return
     for qualifier, name, span in names_mentioned(entry.decl):
@@ -125,7 +125,7 @@ MAX_CALLS_SHOWN = 4
 
 
 class CallGraph:
-    """The functions of a program and the calls in them; each body is checked once, when needed."""
+    """The functions of a program and their calls; each body is checked once, when it is needed."""
 
     def __init__(self, diagnostics: Diagnostics, check_body: CheckBody) -> None:
         self.diagnostics = diagnostics
@@ -143,15 +143,15 @@ class CallGraph:
     # ------------------------------------------------------------ bodies
 
     def add_body(self, fun: FunSymbol, decl: tree.FunDecl, scope: FileScope) -> None:
-        """Notes a body to be checked later; bodies of the prelude are only checked if called."""
+        """Queues a body to be checked; a body of the prelude is checked only if it is called."""
         (self._lazy if scope.loaded.prelude else self._unchecked)[fun] = (decl, scope)
 
     def mark_invalid(self, fun: FunSymbol) -> None:
-        """Notes that a function's declaration has an error, so that no constant may call it."""
+        """Marks a function whose declaration has an error, so that no constant may call it."""
         self._broken.add(fun)
 
     def note_call(self, fun: FunSymbol, span: Span) -> None:
-        """Notes a call in the body being checked; the body of the callee will be checked, too."""
+        """Records a call in the body that is being checked, and queues the body of the callee."""
         if self.current is not None:
             self._calls.setdefault(self.current, []).append((fun, span))
         lazy = self._lazy.pop(fun, None)
@@ -159,12 +159,12 @@ class CallGraph:
             self._unchecked[fun] = lazy
 
     def note_param(self, param: ParamSymbol, span: Span) -> None:
-        """Notes that the body being checked reads a parameter of the program."""
+        """Records that the body that is being checked reads a parameter of the program."""
         if self.current is not None:
             self._params.setdefault(self.current, (param, span))
 
     def check_body(self, fun: FunSymbol) -> None:
-        """Checks a function's body now if that was not done yet."""
+        """Checks a function's body now, unless that was done before."""
         waiting = self._unchecked.pop(fun, None)
         if waiting is None:
             return
@@ -174,7 +174,7 @@ class CallGraph:
         self.current = outer
 
     def check_bodies(self) -> bool:
-        """Checks all bodies that are still unchecked; gives whether there was one."""
+        """Checks all bodies that are still unchecked; returns whether there were any."""
         had_any = bool(self._unchecked)
         while self._unchecked:
             self.check_body(next(iter(self._unchecked)))
@@ -205,14 +205,14 @@ class CallGraph:
         return next((f for f in self._fun_and_callees(fun) if f.extern), None)
 
     def param_read_by(self, fun: FunSymbol) -> tuple[ParamSymbol, Span] | None:
-        """Gives a parameter that the function or a callee reads, and where; None without one."""
+        """Gives a parameter that the function or a callee reads, and the place; or None."""
         funs = self._fun_and_callees(fun)
         return next((self._params[f] for f in funs if f in self._params), None)
 
     # ------------------------------------------------------------ recursion
 
     def report_recursion(self) -> None:
-        """Reports T006 for every new cycle; call it after all bodies have been checked."""
+        """Reports T006 for every new cycle; to be called after all bodies have been checked."""
         for fun in list(self._calls):
             self._report_cycles(fun)
 
@@ -275,16 +275,16 @@ class UnusedDeclarations:
         self._waiting.append((code, message, span, label, help_))
 
     def warn_of_variables(self, variables: list[Variable]) -> None:
-        """Warns W001 of locals that are never read; a leading `_` says that this is meant."""
+        """Warns W001 of locals that are never read, except those whose names begin with `_`."""
         for v in variables:
             if not v.used and not v.name.startswith("_"):
                 meant = _unused_help(v.name) if v.kind == "var" else _rename_help(v.name, v.span)
                 self.keep("W001", f"`{v.name}` is never used", v.span, "declared here", meant)
 
     def warn_of_declarations(self, main: FileScope) -> None:
-        """Warns W001 of declarations and imports of the main file that nothing uses.
+        """Warns W001 of unused declarations and imports of the main file.
 
-        A file without a system and without a test gets no such warning: other files may import it.
+        It warns of nothing in a file without system and test, as other files may import it.
         """
         if not any(e.kind in ROOTS for e in main.entries.values()):
             return
@@ -301,13 +301,13 @@ class UnusedDeclarations:
                 self.keep("W001", f"import `{name.text}` is never used", name.span, "", removal)
 
     def report_kept(self) -> None:
-        """Reports the kept warnings, of which the front end shows none if there are errors."""
+        """Reports the kept warnings; the front end hides warnings if the program has errors."""
         for code, message, span, label, help_ in self._waiting:
             self.diagnostics.warning(code, message, span, label, helps=(help_,) if help_ else ())
 
 
 def _rename_help(name: str, span: Span) -> Help:
-    """Gives the edit that puts `_` before the name of an unused declaration, its only mention."""
+    """Gives the edit that puts `_` before the name of an unused declaration."""
     return insert(span, "_", _unused_help(name))
 
 
@@ -325,13 +325,13 @@ SPECIALS = {
 
 @dataclass(eq=False)
 class Context:
-    """A place in the program, and the names that code there may use.
+    """A place in the program, and the names that code at this place may use.
 
     `where` names the place in messages ("function `f`", "node `Fast`", "the size of an array").
-    `constant` is the code to report if only constants may be used (T008; T007 for the bound of
-    a loop), else ""; `hidden` is then the place around it, whose locals have no values yet.
-    `topics` is None if no topic may be read, "any" if each may (predicates, properties), else the
-    readable ones.
+    `constant` is the code to report for a name that is not constant (T008; T007 for the bound of a
+    loop), or "" if other names are allowed; `hidden` is then the surrounding place, whose locals
+    have no values yet. `topics` is None if no topic may be read, "any" if all may (predicates,
+    properties), else the set of readable topics.
     """
 
     scope: FileScope
@@ -383,7 +383,7 @@ class Context:
 
 
 class Shared(Protocol):
-    """What the checkers of one program ask each other (`checker.py` implements it)."""
+    """The functions of the checkers that other checkers call; `checker.py` implements them."""
 
     diagnostics: Diagnostics
     names: Names
@@ -398,13 +398,13 @@ class Shared(Protocol):
     """Symbol from `topic_of_instance` -> the path to an instance of a system, and a topic in it."""
 
     def damage_counts(self) -> tuple[int, int]:
-        """Gives two counts that grow when the declaration being checked is found damaged."""
+        """Gives two counts that grow when the declaration being checked turns out to be damaged."""
 
     def resolve(self, entry: Entry, span: Span, *, use: bool = True) -> object:
         """Gives the symbol of a declaration; None after an error (T012 for a cycle)."""
 
     def check_body_later(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
-        """Notes a body to be checked once every signature is known; systems come last."""
+        """Queues a body to be checked once every signature is known; systems come last."""
 
     def resolve_type(
         self,
@@ -415,7 +415,7 @@ class Shared(Protocol):
         duration: bool = False,
         table: bool = False,
     ) -> Type:
-        """Gives the type that a type expression means, ERROR after a report, by `TypeChecker`."""
+        """Gives the type that a type expression means; ERROR after a reported error."""
 
     def check_expr(
         self,
@@ -424,10 +424,10 @@ class Shared(Protocol):
         expected: Type | None = None,
         because: Because | None = None,
     ) -> typed.TypedExpr:
-        """Gives an expression typed, of type `expected` if given; ERROR after a report."""
+        """Gives the typed expression, of type `expected` if set; ERROR after a reported error."""
 
     def check_block(self, block: tree.Block, context: Context) -> tuple[typed.TypedStmt, ...]:
-        """Gives the typed statements of a block, which gets a scope of its own."""
+        """Gives the typed statements of a block, for which it opens a new scope."""
 
     def const_value(
         self,
@@ -438,10 +438,10 @@ class Shared(Protocol):
         around: Context | None = None,
         code: Code = "T008",
     ) -> Value | None:
-        """Gives the value of a constant expression, or None after a report."""
+        """Gives the value of a constant expression; None after a reported error."""
 
     def evaluate(self, checked: typed.TypedExpr, subject: str) -> Value | None:
-        """Gives the value of a checked constant expression, or None after a report."""
+        """Gives the value of a checked constant expression; None after a reported error."""
 
     def check_number(
         self,
@@ -454,17 +454,17 @@ class Shared(Protocol):
         """Gives the typed expression of a number that each system computes by its parameters."""
 
     def topic_of_ref(self, ref: tree.Ref, scope: FileScope) -> typed.TopicSymbol | None:
-        """Gives the topic that a reference means, or None after a report."""
+        """Gives the topic that a reference means; None after a reported error."""
 
     def topic_of_path(
         self, path: tree.DottedPath, scope: FileScope
     ) -> tuple[typed.TopicSymbol, tuple[str, ...], Type] | None:
-        """Gives the topic of `topic.field...`, the path below it and the type there."""
+        """Gives the topic of `topic.field...`, the path of the field and the field's type."""
 
     def topics_of_system(self, system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
-        """Gives the topics that an instance of the system has itself, not those it is wired to."""
+        """Gives the topics that an instance of the system contains, but no topics wired to it."""
 
     def topic_of_instance(
         self, system: typed.SystemSymbol, prefix: list[str], topic: typed.TopicSymbol, span: Span
     ) -> typed.TopicSymbol:
-        """Gives the one symbol that stands for a topic of the sub-system instance at `prefix`."""
+        """Gives the symbol of a topic of the sub-system at `prefix`; the same one in each call."""

@@ -84,7 +84,7 @@ class Calculator:
         params: Mapping[typed.ParamSymbol, Value] | None = None,
         budgets: tuple[int, int] | None = None,
     ) -> None:
-        """`budgets` are the most operations of one value, and of all values together."""
+        """`budgets`: the most operations that one value, and all values together, may take."""
         self.diagnostics = diagnostics
         self._per_value, self.left = budgets or (NUMBERS_BUDGET // 2, NUMBERS_BUDGET)
         self._total = self.left
@@ -93,7 +93,7 @@ class Calculator:
     def remembered_value(
         self, name: str, expr: typed.TypedExpr, subject: str, known: dict[str, tuple[Value, int]]
     ) -> Value | None:
-        """Gives a declared constant's value, if it can from `known` (name -> value, operations)."""
+        """Gives a constant's value, if possible from `known`: name -> (value, operations)."""
         value, spent = known.get(name, (None, 0))
         if name in known and spent <= min(self.left, self._per_value):
             self.left -= spent
@@ -105,7 +105,7 @@ class Calculator:
         return value
 
     def value(self, expr: typed.TypedExpr, subject: str) -> Value | None:
-        """Gives the value of an expression; None after a report (T020), which names `subject`."""
+        """Gives the value of an expression; None after reporting T020, which names `subject`."""
         if isinstance(expr, typed.Literal):
             return expr.value
         if self.left <= 0:
@@ -170,7 +170,7 @@ class ConstantChecker(CheckerPart):
         around: Context | None = None,
         code: Code = "T008",
     ) -> Value | None:
-        """Gives the value of a constant expression, or None after a report.
+        """Gives the value of a constant expression; None after a reported error.
 
         `around` is the place around the expression; a use of its locals is reported as `code`.
         """
@@ -181,7 +181,7 @@ class ConstantChecker(CheckerPart):
     def declared_value(
         self, decl: tree.ConstDecl, scope: FileScope, expected: Type, subject: str
     ) -> Value | None:
-        """Gives the value of a declared constant, or None after a report."""
+        """Gives the value of a declared constant; None after a reported error."""
         assert decl.value is not None
         context = Context(scope, subject, constant="T008")
         checked = self.shared.check_expr(decl.value, context, expected)
@@ -191,7 +191,7 @@ class ConstantChecker(CheckerPart):
         return self.calculator.remembered_value(decl.name.text, checked, subject, known)
 
     def evaluate(self, checked: typed.TypedExpr, subject: str) -> Value | None:
-        """Gives the value of an expression over constants alone; None after a report."""
+        """Gives the value of an expression over constants alone; None after a reported error."""
         return (
             self.calculator.value(checked, subject)
             if self._is_computable(checked, subject)
@@ -212,7 +212,7 @@ class ConstantChecker(CheckerPart):
         subject: str,
         because: Because | None = None,
     ) -> typed.TypedExpr:
-        """Gives the typed expression of a number, of type `expected`; ERROR after a report."""
+        """Gives the typed expression of a number, or an ERROR expression after a reported error."""
         checked = self.shared.check_expr(expr, context, expected, because)
         if isinstance(checked.type, ErrorType):
             return checked
@@ -220,7 +220,7 @@ class ConstantChecker(CheckerPart):
         return checked if all(sound) else error_expr(expr.span)
 
     def _may_be_evaluated(self, checked: typed.TypedExpr, subject: str) -> bool:
-        """Whether all functions that an expression calls can be run now; reports one if not."""
+        """Whether all functions that an expression calls can be run now; reports it if not."""
         for call in calls_in(checked):
             if not self._is_computable_call(call, subject):
                 return False
@@ -239,7 +239,7 @@ class ConstantChecker(CheckerPart):
         return True
 
     def _is_computable_call(self, call: typed.TypedCall, subject: str) -> bool:
-        """Whether the functions of a call have no errors, and are no externs, reported as T008."""
+        """Whether the functions of a call have no errors; reports T008 if any is extern."""
         calls = self.shared.calls
         if not calls.is_complete(call.fun):
             self.shared.names.losses += 1
@@ -256,7 +256,7 @@ class ConstantChecker(CheckerPart):
         return extern is None
 
     def value_of_data_file(self, decl: tree.ConstDecl, t: Type, scope: FileScope) -> Value | None:
-        """Gives the value in a constant's data file; None after a report (D001, D004 or D005)."""
+        """Gives the value in a constant's data file; None after reporting D001, D004 or D005."""
         assert decl.data is not None
         path = scope.loaded.path.parent / decl.data
         try:
@@ -311,7 +311,7 @@ class TypeChecker(CheckerPart):
         duration: bool = False,
         table: bool = False,
     ) -> Type:
-        """Gives the type that a type expression means, ERROR after a report.
+        """Gives the type that a type expression means; ERROR after a reported error.
 
         `duration` allows a duration (else T014). `around` is the place around the expression, whose
         locals no size may use. `table` allows the large type of data that is only read in parts.
@@ -347,7 +347,7 @@ class TypeChecker(CheckerPart):
         return ERROR
 
     def _unit_type(self, expr: tree.UnitTypeExpr, scope: FileScope, most: int) -> Type:
-        """Gives a type with its unit; reports T030 for a type without numbers, or a wrong unit."""
+        """Gives a type with its unit; reports T030 for a wrong unit or a type without numbers."""
         t = self._type_of_expr(expr.base, scope, most)
         numbers = any(isinstance(leaf, (FloatType, IntType)) for _, leaf in leaves(t))
         problem = ""
@@ -363,7 +363,7 @@ class TypeChecker(CheckerPart):
         return with_unit(t, expr.unit)
 
     def _limited_type(self, t: Type, expr: tree.TypeExpr, most: int) -> Type:
-        """Gives the type, or ERROR and a report of T011 if it has more than `most` scalars."""
+        """Gives the type; reports T011 and gives ERROR if it has more than `most` scalars."""
         count = 0 if isinstance(t, ErrorType) else leaf_count(t)
         if count <= most:
             return t

@@ -16,7 +16,7 @@ from soter.language.check.checker_interface import Context
 from soter.language.check.dots_and_brackets import path_and_type
 from soter.language.check.expression_base import CheckerPart, has_error, with_article
 from soter.language.check.parts.module import ModuleChecker
-from soter.language.check.parts.node import NodeChecker, check_binding, located_binding
+from soter.language.check.parts.node import NodeChecker, binding_in_folder, check_binding
 from soter.language.check.parts.plant import PlantChecker
 from soter.language.check.parts.system import TestChecker
 from soter.language.check.scope import FieldOf
@@ -86,7 +86,7 @@ class DeclChecker(CheckerPart):
         }
 
     def checked_symbol(self, entry: Entry) -> object:
-        """Gives the symbol of a declaration, or None if errors leave too little of it."""
+        """Gives the symbol of a declaration; None if it has too many errors."""
         check = self._signatures.get(type(entry.decl))
         return None if check is None else check(entry.decl, entry.scope, entry.full_name)
 
@@ -170,7 +170,7 @@ class DeclChecker(CheckerPart):
     def _interval_ends(
         self, interval: tree.IntervalExpr | None, scope: FileScope, t: Type, subject: str
     ) -> tuple[typed.Literal, typed.Literal] | None:
-        """Gives the ends of an interval of type `t`; None without one, or after a report."""
+        """Gives the ends of an interval of type `t`; None if it is absent or has errors."""
         if interval is None:
             return None
         if isinstance(t, (BoolType, EnumType)):
@@ -184,7 +184,7 @@ class DeclChecker(CheckerPart):
         return low, high
 
     def _is_in_order(self, low: typed.Literal, high: typed.Literal, at: tree.IntervalExpr) -> bool:
-        """Whether an interval contains a value; reports V001 if not."""
+        """Whether an interval is not empty; reports V001 if it is."""
         if low.value <= high.value:
             return True
         shown = f"[{scalar_text(low.value, low.type)}, {scalar_text(high.value, high.type)}]"
@@ -228,7 +228,7 @@ class DeclChecker(CheckerPart):
             result=result,
             body=body,
             extern=decl.extern,
-            source=located_binding(decl.source, scope),
+            source=binding_in_folder(decl.source, scope),
             prelude=scope.loaded.prelude,
         )
         if decl.body is not None:
@@ -355,7 +355,7 @@ class DeclChecker(CheckerPart):
         helps: tuple[Help, ...] = (),
         otherwise: tuple[Help, ...] = (),
     ) -> typed.TopicSymbol | None:
-        """Gives the topic that a reference means, or None after a report.
+        """Gives the topic that a reference means; None after a reported error.
 
         The report has `helps` if the name is no topic, `otherwise` if no declaration has the name.
         """
@@ -365,7 +365,7 @@ class DeclChecker(CheckerPart):
     def topic_of_path(
         self, path: tree.DottedPath, scope: FileScope
     ) -> tuple[typed.TopicSymbol, tuple[str, ...], Type] | None:
-        """Gives the topic of `topic.field...`, the path below it and the type there."""
+        """Gives the topic of `topic.field...`, the path of the field and the field's type."""
         parts = list(path.parts)
         first = parts.pop(0)
         ref = tree.Ref(None, tree.Name(first.text, first.word), first.word)
@@ -384,7 +384,7 @@ class DeclChecker(CheckerPart):
     # ------------------------------------------------------------ topics of systems
 
     def topics_of_system(self, system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
-        """Gives the topics that an instance of the system has itself, not those it is wired to."""
+        """Gives the topics that an instance of the system contains, but no topics wired to it."""
         if system not in self._topics:
             beside = topics_of_instances(system)
             self._topics[system] = [t for t in beside if t not in self.shared.stand_ins]
@@ -394,7 +394,7 @@ class DeclChecker(CheckerPart):
 def _no_topic_helps(
     path: tree.DottedPath, scope: FileScope
 ) -> tuple[tuple[Help, ...], tuple[Help, ...]]:
-    """Gives `helps` and `otherwise` of `topic_of_ref` for a path whose first name is no topic."""
+    """Gives `helps` and `otherwise` for `topic_of_ref`, if the path does not begin with a topic."""
     first = scope.entries.get(path.parts[0].text)
     if first is not None and first.kind == "topic":
         return (), ()
@@ -413,7 +413,7 @@ def scalar_text(value: Value, t: Type) -> str:
 
 
 def common_number_type(t: Type) -> Type | None:
-    """Gives FLOAT or INT if all numbers in a type are of that kind; None if they differ."""
+    """Gives FLOAT if all numbers in a type are floats, INT if all are ints; None for a mixture."""
     if is_vector_part(t):
         return FLOAT
     if isinstance(t, IntType):

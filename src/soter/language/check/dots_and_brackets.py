@@ -55,20 +55,20 @@ def names_of_chain(expr: tree.SyntaxExpr) -> list[tree.Name] | None:
 
 
 def quoted(names: list[str] | tuple[str, ...]) -> str:
-    """Gives the text of the first few names in backticks, and how many more there are."""
+    """Gives the first few names in backticks, as text, and the count of the others."""
     shown = ", ".join(f"`{n}`" for n in names[:NAMES_SHOWN])
     return shown + (f" and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else "")
 
 
 class FieldChecker(ExprBase):
-    """The part of the expression checker for dots and brackets."""
+    """Checks dots and brackets; it is one of the base classes of the expression checker."""
 
     def entry_value(self, entry: Entry, span: Span, context: Context) -> typed.TypedExpr:
         """Gives the typed expression for a declaration that is used as a value."""
         raise NotImplementedError
 
     def topic_read(self, topic: typed.TopicSymbol, span: Span, context: Context) -> typed.TypedExpr:
-        """Gives the typed read of a topic, or reports that this place may not read it."""
+        """Gives the typed read of a topic; reports an error if this place may not read it."""
         raise NotImplementedError
 
     # ------------------------------------------------------------ dots
@@ -100,7 +100,7 @@ class FieldChecker(ExprBase):
     def _helps_with_measured_topic(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
     ) -> tuple[Help, ...]:
-        """Gives helps for `c.truth.x` outside of a system: the topic by which the plant tells x."""
+        """Gives helps for `c.truth.x` outside a system: the topic that publishes the state `x`."""
         decls = [e.decl for e in context.scope.entries.values()]
         if context.instances is not None and names[1].text == "truth":
             plants = [
@@ -149,7 +149,7 @@ class FieldChecker(ExprBase):
     def _check_member_or_import(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
     ) -> typed.TypedExpr | None:
-        """Gives `Enum.member`, `file.name`, `file.Enum.member` typed; None for a value's field."""
+        """Gives typed `Enum.member`, `file.name` or `file.Enum.member`; None for other dots."""
         scope, first = context.scope, names[0].text
         if first in scope.imports and first not in scope.entries:
             if len(names) == 2:
@@ -264,7 +264,7 @@ class FieldChecker(ExprBase):
         return error_expr(span)
 
     def refuse_instance(self, symbol: object, path: str, span: Span) -> typed.TypedExpr:
-        """Reports N003 for an instance where a value is needed."""
+        """Reports N003 for an instance that is used as a value."""
         helps: tuple[str, ...] = ()
         if isinstance(symbol, typed.PlantSymbol):
             helps = (f"the plant's state is `{path}.truth`",)
@@ -275,7 +275,7 @@ class FieldChecker(ExprBase):
     def _report_no_part(
         self, symbol: object, path: str, name: tree.Name, first: tree.Name, context: Context
     ) -> None:
-        """Reports N004 for a name that an instance does not have, perhaps a topic beside it."""
+        """Reports N004 for a name that an instance does not have, with helps for its kind."""
         helps: tuple[Help, ...] = ()
         beside = context.scope.entries.get(name.text)
         if beside is not None and beside.kind == "topic":
@@ -305,7 +305,7 @@ class FieldChecker(ExprBase):
     def _topic_inside(
         self, system: typed.SystemSymbol, prefix: list[str], name: tree.Name
     ) -> typed.TopicSymbol | None:
-        """Gives the symbol of topic `name` of a sub-system instance; None if it has none."""
+        """Gives the symbol of the topic `name` of a sub-system; None if it has no such topic."""
         for topic in self.shared.topics_of_system(system):
             if topic.name.rsplit(".", 1)[-1] == name.text:
                 self.names.note_meaning(name.span, topic)
@@ -375,7 +375,7 @@ def index_help(t: Type, span: Span, target: str, index: typed.TypedExpr) -> tupl
 
 
 def _past_end_help(t: ArrayType | ListType, index: typed.Literal, target: str) -> tuple[Help, ...]:
-    """Gives help for an index outside: `xs[xs.len - 1]` for `xs[-1]`, the last for one too many."""
+    """Gives help for an index out of range: `xs[xs.len - 1]` for `xs[-1]`, or the last index."""
     if index.value >= 0:
         last = t.size - 1 if isinstance(t, ArrayType) else t.capacity - 1
         title = f"indices begin at 0: the last one is `{last}`"
@@ -411,7 +411,7 @@ def path_and_type(
     scope: FileScope,
     plant: typed.PlantSymbol | None = None,
 ) -> tuple[tuple[str, ...], Type] | None:
-    """Gives the path of `parts` below type `root`, and the type there; None after a report.
+    """Gives the path of `parts` below type `root`, and its type; None after a reported error.
 
     `plant` is the plant whose state has type `root`; None if `root` is the type of a topic.
     """
@@ -434,7 +434,7 @@ def path_and_type(
 
 
 def hint_to_one_number(t: Type, path: tree.DottedPath) -> str:
-    """Gives the text of a help that says how to name one number of `t`, which `path` names."""
+    """Gives a help text on how to name a single number in `path`, whose type is `t`."""
     if not isinstance(t, ArrayType):
         return "name one of its fields"
     return f"name one of its elements, `{path.span.text}[0]` to `{path.span.text}[{t.size - 1}]`"
@@ -465,7 +465,7 @@ def _field_type(
 def _index_value(
     shared: Shared, t: Type, index: tree.SyntaxExpr, path: Span, scope: FileScope
 ) -> int | None:
-    """Gives the value of an index in a path; None after a report."""
+    """Gives the value of an index in a path; None after a reported error."""
     value = shared.const_value(index, scope, INT, "the index of an element")
     if not isinstance(value, int) or isinstance(t, ErrorType):
         return None

@@ -65,7 +65,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         )
 
     def check_in_place(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
-        """Gives a typed expression that may be a large table, as only a part of it will be read."""
+        """Gives the typed expression, which may be a large table if only a part of it is read."""
         return self._check_by_kind(expr, context, None)
 
     def _check_by_kind(
@@ -160,7 +160,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         return error_expr(span)
 
     def _state_helps(self, name: str, span: Span, context: Context) -> tuple[Help, ...]:
-        """Gives help with `c.truth.x` for `x` in a system, if exactly one plant has a state `x`."""
+        """Gives the help `c.truth.x` for `x` in a system, if exactly one plant has a state `x`."""
         owners = [
             path
             for path, instance in (context.instances or {}).items()
@@ -191,7 +191,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     def _refuse_in_constant(
         self, subject: str, span: Span, declared: Span | None, context: Context
     ) -> typed.TypedExpr:
-        """Reports T008, or T007 in a loop's bound, of a constant that needs a value of the run."""
+        """Reports T008, or T007 for a loop's bound, if a constant reads a value of the run."""
         step = context.constant == "T007" and context.where == "the bound of a loop"
         what_runs = context.constant == "T007" and not step
         return self.refuse(
@@ -236,7 +236,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     def _helps_for_non_value(
         self, entry: Entry, symbol: object, span: Span, context: Context
     ) -> tuple[Help, ...]:
-        """Gives helps with a value, for a function, module, plant, node or type used as one."""
+        """Gives helps for a function, module, plant, node or type that is used as a value."""
         name = entry.decl.name.text
         if isinstance(symbol, typed.FunSymbol):
             arguments = ", ".join(p.name for p in symbol.parameters)
@@ -254,7 +254,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         return self.value_helps(entry.decl.name, context) if entry.kind == "type" else ()
 
     def topic_read(self, topic: typed.TopicSymbol, span: Span, context: Context) -> typed.TypedExpr:
-        """Gives the typed read of a topic, or reports that this place may not read it."""
+        """Gives the typed read of a topic; reports an error if this place may not read it."""
         if context.constant:
             return self._refuse_in_constant(f"topic `{topic.name}`", span, topic.span, context)
         if context.topics is None:

@@ -46,17 +46,17 @@ SECONDS_MAX = 1e6
 
 
 def error_expr(span: Span) -> typed.TypedExpr:
-    """Gives an expression of type ERROR, which takes the place of one with a reported error."""
+    """Gives an expression of type ERROR, to replace an expression whose error was reported."""
     return typed.Literal(ERROR, span, None)
 
 
 def has_error(*exprs: typed.TypedExpr) -> bool:
-    """Whether an error of at least one of the expressions has been reported."""
+    """Whether an error has been reported for at least one of the expressions."""
     return any(isinstance(e.type, ErrorType) for e in exprs)
 
 
 def unless_error(expr: typed.TypedExpr | None) -> typed.TypedExpr | None:
-    """Gives the expression, or None if an error of it has been reported."""
+    """Gives the expression, or None if an error has been reported for it."""
     return None if expr is None or has_error(expr) else expr
 
 
@@ -71,7 +71,7 @@ def plain_type(t: Type) -> Type:
 
 
 def float_literal(expr: typed.TypedExpr) -> typed.TypedExpr | None:
-    """Gives as float an unnamed int literal, or a sum or product of these; None for others."""
+    """Gives an unnamed int literal, or a sum or product of such literals, as float; else None."""
     if not isinstance(expr.type, IntType):
         return None
     if isinstance(expr, typed.Literal) and expr.name is None:
@@ -86,7 +86,7 @@ def float_literal(expr: typed.TypedExpr) -> typed.TypedExpr | None:
 def unify_literals(
     left: typed.TypedExpr, right: typed.TypedExpr
 ) -> tuple[typed.TypedExpr, typed.TypedExpr]:
-    """Gives both operands, with an int literal beside a float operand turned into a float."""
+    """Gives both operands; if one is a float, an int literal beside it becomes a float."""
     if isinstance(left.type, FloatType):
         return left, float_literal(right) or right
     if isinstance(right.type, FloatType):
@@ -95,7 +95,7 @@ def unify_literals(
 
 
 def difference_note(expected: Type, actual: Type) -> str:
-    """Gives a note on the part in which two records or lists differ; "" if it has none to give."""
+    """Gives a note that describes how two records or lists differ; "" if it finds nothing."""
     if isinstance(expected, RecordType) and isinstance(actual, RecordType):
         have, want = dict(actual.fields), dict(expected.fields)
         for name, t in want.items():
@@ -115,7 +115,7 @@ def difference_note(expected: Type, actual: Type) -> str:
 
 
 class CheckerPart:
-    """The base of checkers of one kind of syntax, which reach the others through `shared`."""
+    """The base class of the checkers; each reaches the other checkers through `shared`."""
 
     def __init__(self, shared: Shared) -> None:
         self.shared = shared
@@ -132,10 +132,10 @@ class CheckerPart:
         otherwise: tuple[Help, ...] = (),
         notes: tuple[str, ...] = (),
     ) -> _Symbol | None:
-        """Gives the symbol of class `symbol_class` that a reference means, or None after a report.
+        """Gives the symbol of class `symbol_class` that a reference means; None after an error.
 
-        The report is N003 for a declaration of another `kind`, with `helps` and `notes`; else N001,
-        with `otherwise`, or N006.
+        A declaration of another `kind` is reported as N003, with `helps` and `notes`. An unknown
+        name is reported as N001, with `otherwise`, or as N006.
         """
         entry = self.shared.names.find_ref(scope, ref, kind, otherwise)
         if entry is None:
@@ -161,14 +161,14 @@ class CheckerPart:
         subject: str,
         because: Because | None = None,
     ) -> typed.TypedExpr | None:
-        """Gives the typed expression of a number; None without `expr`, or after a report."""
+        """Gives the typed expression of a number; None if `expr` is None or has errors."""
         if expr is None:
             return None
         return unless_error(self.shared.check_number(expr, context, expected, subject, because))
 
 
 class ExprBase(CheckerPart, ABC):
-    """The entry points of the expression checker, and its conversions."""
+    """The base class of the expression checkers, with entry points and conversions."""
 
     def __init__(self, shared: Shared) -> None:
         super().__init__(shared)
@@ -186,7 +186,7 @@ class ExprBase(CheckerPart, ABC):
         notes: tuple[str, ...] = (),
         helps: tuple[Help, ...] = (),
     ) -> typed.TypedExpr:
-        """Reports an error at `span`; gives the ERROR expression for `whole`, or else `span`."""
+        """Reports an error at `span`; gives an ERROR expression for `whole` (default: `span`)."""
         self.diagnostics.error(code, message, span, label, also=also, notes=notes, helps=helps)
         return error_expr(span if whole is None else whole)
 
@@ -248,7 +248,7 @@ class ExprBase(CheckerPart, ABC):
         )
 
     def value_helps(self, name: tree.Name, context: Context) -> tuple[Help, ...]:
-        """Gives helps with a local or topic named nearly like `name`, where a type is wanted."""
+        """Gives helps with a local or topic whose name resembles `name`, for a place of a type."""
         values = [n for n, e in context.scope.entries.items() if e.kind != "type"]
         for other in chain(context.local_names(), values):
             if other != name.text and other.casefold() == name.text.casefold():
@@ -263,7 +263,7 @@ class ExprBase(CheckerPart, ABC):
 
     @abstractmethod
     def check_in_place(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
-        """Gives a typed expression that may be a large table, as only a part of it will be read."""
+        """Gives the typed expression, which may be a large table if only a part of it is read."""
 
     def check(
         self,
@@ -272,7 +272,7 @@ class ExprBase(CheckerPart, ABC):
         expected: Type | None = None,
         because: Because | None = None,
     ) -> typed.TypedExpr:
-        """Gives the typed expression, which has type `expected` if given, or ERROR after a report.
+        """Gives the typed expression, of type `expected` if set; ERROR after a reported error.
 
         `because` says where the program asks for that type.
         """
@@ -284,7 +284,7 @@ class ExprBase(CheckerPart, ABC):
     def convert(
         self, expr: typed.TypedExpr, expected: Type, because: Because | None = None
     ) -> typed.TypedExpr:
-        """Gives an expression converted to type `expected`; ERROR after a report of T001."""
+        """Gives the expression converted to type `expected`; ERROR after reporting T001."""
         if isinstance(expected, ErrorType) or has_error(expr) or expr.type == expected:
             return expr
         if isinstance(expected, IntType) and isinstance(expr.type, IntType):
@@ -321,7 +321,7 @@ class ExprBase(CheckerPart, ABC):
 
 
 def list_helps(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
-    """Gives helps if a list or an array, such as a queue, stands where an element is wanted."""
+    """Gives helps for a list or an array, such as a queue, that is used as an element."""
     t = expr.type
     if not isinstance(t, (ListType, ArrayType)) or type(t.element) is not type(wanted):
         return ()
@@ -336,7 +336,7 @@ def list_helps(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
 
 
 def member_helps(enum: EnumType, expr: typed.TypedExpr) -> tuple[Help, ...]:
-    """Gives help with the enum member of a number, `Gear.Drive` for 1; else the first member."""
+    """Gives a help with the enum member for a number: `Gear.Drive` for 1, or else the first."""
     name = enum.name.rpartition(".")[2]
     is_number = isinstance(expr, typed.Literal) and isinstance(expr.type, IntType)
     if isinstance(expr, typed.Literal) and is_number and 0 <= expr.value < len(enum.members):
@@ -353,7 +353,7 @@ def _type_labels(expr: typed.TypedExpr, because: Because | None) -> tuple[tuple[
 
 
 def _conversion_helps(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
-    """Gives helps that convert a value to another type, mostly as edits."""
+    """Gives helps that convert a value to the expected type, mostly as edits."""
     actual, span = expr.type, expr.span
     text = span.text
     if isinstance(expected, FloatType) and isinstance(actual, (IntType, BoolType, DurationType)):
@@ -404,7 +404,7 @@ def _bool_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
 
 
 def _duration_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
-    """Gives helps that turn seconds into a duration: at the declaration of a named number."""
+    """Gives helps that turn seconds into a duration, for a named number at its declaration."""
     param = expr.param if isinstance(expr, typed.ParamRead) else None
     named = param is not None or (isinstance(expr, typed.Literal) and expr.name is not None)
     value = param.default if param is not None else expr

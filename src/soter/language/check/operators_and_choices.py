@@ -59,12 +59,12 @@ AGE = IntType(0, 255)
 
 
 class ChooseChecker(ExprBase):
-    """The part of the expression checker for `choose`."""
+    """Checks `choose`; it is one of the base classes of the expression checker."""
 
     def check_choose(
         self, expr: tree.ChooseExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """Gives the typed choice; checks its alternatives even if no `choose` may stand here."""
+        """Gives the typed choice; also checks the alternatives of a `choose` in a wrong place."""
         if context.choices is None:
             self._report_misplaced(expr.span, context)
         if expr.interval is not None:
@@ -208,7 +208,7 @@ COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
 
 
 class OperatorChecker(ExprBase):
-    """The part of the expression checker for operators."""
+    """Checks operators; it is one of the base classes of the expression checker."""
 
     def check_unary(
         self, expr: tree.UnaryExpr, context: Context, expected: Type | None
@@ -298,7 +298,7 @@ class OperatorChecker(ExprBase):
     def _warn_of_zero_quotient(
         self, expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
     ) -> None:
-        """Warns W030 of `1 / 2` of ints, which is 0; beside a float it would be 0.5."""
+        """Warns W030 of a division of int literals whose result is 0, such as `1 / 2`."""
         pair = [x.value for x in (left, right) if isinstance(x, typed.Literal) and x.name is None]
         ints = isinstance(left.type, IntType) and isinstance(right.type, IntType)
         if len(pair) != 2 or not ints or not 0 < abs(pair[0]) < abs(pair[1]):
@@ -336,7 +336,7 @@ class OperatorChecker(ExprBase):
 
 
 def _expected_operand_type(expected: Type | None) -> Type | None:
-    """Gives the type that operands of `+` and `-` should have: `expected` if it is of floats."""
+    """Gives `expected` if operands of `+` and `-` should have it too, being floats; else None."""
     if isinstance(expected, FloatType) or (expected is not None and is_vector(expected)):
         return expected
     return None
@@ -381,14 +381,14 @@ def _typed_calculation(
 
 
 def _float_factor(factor: typed.TypedExpr) -> typed.TypedExpr | None:
-    """Gives a factor of a vector as a float; None if it is neither a float nor an int literal."""
+    """Gives a vector's factor as a float; None if it is neither a float nor an int literal."""
     return factor if isinstance(factor.type, FloatType) else float_literal(factor)
 
 
 def _help_beside_number(
     left: typed.TypedExpr, right: typed.TypedExpr, expected: Type | None
 ) -> tuple[Help, ...]:
-    """Gives helps for an enum, a bool or a record beside a number: `Gear.Drive`, `b ? 1 : 0`."""
+    """Gives helps for an enum, bool or record beside a number, such as `b ? 1 : 0` for `b`."""
     for one, other in ((left, right), (right, left)):
         if isinstance(one.type, EnumType) and isinstance(other.type, (IntType, FloatType)):
             return member_helps(one.type, other)
@@ -407,7 +407,7 @@ def _help_beside_number(
 
 
 def _components_help(expr: tree.BinaryExpr, t: Type) -> Help:
-    """Gives help with an operator by components: `{ x: a.x * b.x, y: a.y * b.y }` for `a * b`."""
+    """Gives a help that applies an operator by components: `{ x: a.x * b.x, ... }` for `a * b`."""
     names = [name for name, _ in t.fields] if isinstance(t, RecordType) else []
     a, b = expr.left, expr.right
     plain = isinstance(a, (tree.NameExpr, tree.FieldExpr)) and isinstance(
@@ -447,7 +447,7 @@ def _push_help(expr: tree.BinaryExpr) -> str:
 def _vector_operator_help(
     expr: tree.BinaryExpr, lt: Type, rt: Type, expected: Type | None
 ) -> tuple[Help, ...]:
-    """Gives helps for an operator between vectors: the scalar product, or one by components."""
+    """Gives helps for an operator between vectors: the scalar product or a result by components."""
     op = expr.op
     if op in "*/" and expected is not None and lt == rt == expected:
         return (_components_help(expr, lt),)
@@ -464,7 +464,7 @@ def _vector_operator_help(
 
 
 def _number_operator_help(expr: tree.BinaryExpr, lt: Type, rt: Type) -> tuple[Help, ...]:
-    """Gives helps for an operator between numbers or times of two types: one side converted."""
+    """Gives helps that convert one side of an operator between numbers or times of two types."""
     op, left, right, kinds = expr.op, expr.left.span, expr.right.span, {type(lt), type(rt)}
     if kinds == {IntType, FloatType}:
         side = left if isinstance(lt, IntType) else right

@@ -59,7 +59,7 @@ EXAMPLES = {
 
 @dataclass(eq=False)
 class Entry:
-    """A declared name: its syntax, its file, and its symbol once it is resolved."""
+    """A declared name, with its syntax, its file, and its symbol once it is resolved."""
 
     decl: tree.Decl
     scope: FileScope
@@ -75,7 +75,7 @@ class Entry:
         return self.scope.loaded.prefix + self.decl.name.text
 
     def helps_for_other_kind(self, wanted: str, span: Span) -> tuple[Help, ...]:
-        """Gives helps for a use of this declaration where one of kind `wanted` is needed."""
+        """Gives helps for a use of this declaration at a place that needs the kind `wanted`."""
         decls = [e.decl for e in self.scope.entries.values()]
         return unknown_names.helps_for_other_kind(decls, self.decl, wanted, span)
 
@@ -94,7 +94,7 @@ class FileScope:
 
 @dataclass(eq=False)
 class Meanings:
-    """The meanings of names by their places, and the syntax of records' fields, for an editor."""
+    """The meanings of names, by place, and the syntax of records' fields, for an editor."""
 
     at: dict[tuple[int, int], object] = field(default_factory=dict)
     """(source, start of the name) -> an `Entry`, `Import`, `FieldOf`, or typed symbol."""
@@ -104,7 +104,7 @@ class Meanings:
 
 @dataclass(frozen=True)
 class Import:
-    """A name that means an imported file."""
+    """The meaning of a name that stands for an imported file."""
 
     scope: FileScope
     name: str
@@ -112,7 +112,7 @@ class Import:
 
 @dataclass(frozen=True, eq=False)
 class FieldOf:
-    """A name that means a field of a record, or a member of an enum."""
+    """The meaning of a name that stands for a field of a record or a member of an enum."""
 
     type: object
     name: str
@@ -129,7 +129,7 @@ def _help_to_declare(decls: list[tree.Decl], kind: str, name: str) -> tuple[Help
 
 
 def _names_of_kind(scope: FileScope, kind: str, *, value: bool) -> Iterator[str]:
-    """Yields the names of a file that are correct where a declaration of `kind` is needed."""
+    """Yields the names in a file that can be used where a declaration of `kind` is needed."""
     for name, entry in scope.entries.items():
         if entry.kind == kind or (kind == "name" and not (value and entry.kind in NO_VALUES)):
             yield name
@@ -138,9 +138,9 @@ def _names_of_kind(scope: FileScope, kind: str, *, value: bool) -> Iterator[str]
 class Names:
     """The scopes of a whole program.
 
-    `losses` counts uses of declarations whose absence had been reported before: a checker that sees
-    it grow knows that its result is incomplete because of another declaration. `meanings` has what
-    each name means, if an editor asks.
+    `losses` counts uses of declarations that are missing because of a reported error; if it grows,
+    the checker knows that its result is incomplete. `meanings` has the meaning of each name, if an
+    editor asks.
     """
 
     def __init__(self, diagnostics: Diagnostics, meanings: Meanings | None = None) -> None:
@@ -153,19 +153,19 @@ class Names:
         self._missing: set[tuple[object, ...]] = set()
 
     def note_meaning(self, span: Span, meaning: object) -> None:
-        """Notes what the name at a place means; the first meaning of a place stays."""
+        """Records the meaning of the name at a place, unless it has one already."""
         if self.meanings is not None and meaning is not None:
             self.meanings.at.setdefault((id(span.source), span.start), meaning)
 
     def note_syntax_of_fields(self, fields: object, syntax: object) -> None:
-        """Notes which syntax declares the fields of a record type."""
+        """Records which syntax declares the fields of a record type."""
         if self.meanings is not None:
             self.meanings.records[id(fields)] = fields, syntax
 
     # ------------------------------------------------------------ entering
 
     def add_program(self, main: LoadedFile) -> FileScope:
-        """Enters the declarations of a file and of all its imports; returns its scope."""
+        """Enters the declarations of a file and all its imports; returns the file's scope."""
         scope = self._file_scope(main)
         waiting = [main]
         entered = {id(main)}
@@ -214,7 +214,7 @@ class Names:
         )
 
     def report_duplicate(self, name: str, again: Span, first: Span, kind_word: str = "") -> None:
-        """Reports N002, one name for two things; `kind_word` says which kind of things."""
+        """Reports N002 for one name of two things; `kind_word` says which kind of things."""
         kind = f"{kind_word} " if kind_word else ""
         self.diagnostics.error(
             "N002",
@@ -225,7 +225,7 @@ class Names:
         )
 
     def enter_if_new(self, name: tree.Name, seen: dict[str, Span], kind: str = "") -> bool:
-        """Enters `name` in `seen`; gives False and reports N002 if it was there before."""
+        """Enters `name` in `seen`; if it is there already, reports N002 and returns False."""
         first = seen.setdefault(name.text, name.span)
         if first is not name.span:
             self.report_duplicate(name.text, name.span, first, kind)
@@ -238,7 +238,7 @@ class Names:
     # ------------------------------------------------------------ looking up
 
     def find_entry(self, scope: FileScope, name: str, span: Span | None = None) -> Entry | None:
-        """Gives the entry that an unqualified name means in a file, marked as used; or None."""
+        """Gives the entry that an unqualified name means, and marks it as used; or None."""
         entry = scope.entries.get(name) or self.prelude.get(name)
         if entry is not None:
             entry.used = True
@@ -253,7 +253,7 @@ class Names:
         wanted: str = "name",
         otherwise: tuple[Help, ...] = (),
     ) -> Entry | None:
-        """Gives the entry that a reference means; None after a report, N001 or N006.
+        """Gives the entry that a reference means; None after reporting N001 or N006.
 
         `wanted` is the kind of declaration that is needed; `otherwise` as in `report_unknown`.
         """
@@ -271,7 +271,7 @@ class Names:
     def find_in_import(
         self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str = "name"
     ) -> Entry | None:
-        """Gives the entry that `qualifier.name` means; None after a report."""
+        """Gives the entry that `qualifier.name` means; None after a reported error."""
         if qualifier.text not in scope.imports:
             if not self._report_library(scope, qualifier, name, wanted):
                 self._report_no_import(scope, qualifier, name)
@@ -290,7 +290,7 @@ class Names:
                 name.span,
                 f"not in `{child.loaded.source.name}`",
                 helps=self.diagnostics.did_you_mean(name.text, child.entries, name.span)
-                or self._own_file_help(scope, qualifier, name),
+                or self._help_without_qualifier(scope, qualifier, name),
             )
             return None
         entry.used = True
@@ -300,8 +300,10 @@ class Names:
     # ------------------------------------------------------------ reports and helps
 
     @staticmethod
-    def _own_file_help(scope: FileScope, qualifier: tree.Name, name: tree.Name) -> tuple[Help, ...]:
-        """Gives a help for `lib.name` if this file declares the name."""
+    def _help_without_qualifier(
+        scope: FileScope, qualifier: tree.Name, name: tree.Name
+    ) -> tuple[Help, ...]:
+        """Gives a help that drops the qualifier, if this file declares the name; else ()."""
         if name.text not in scope.entries:
             return ()
         span = qualifier.span.to(name.span)
@@ -310,7 +312,7 @@ class Names:
     def _report_library(
         self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str
     ) -> bool:
-        """Reports N006 for a name like `math.sin` that the prelude has; gives False for others."""
+        """Reports N006 for a name like `math.sin` that is built in; False for other names."""
         helps = unknown_names.library_helps(qualifier, name, wanted)
         if helps is None or qualifier.text in scope.entries or qualifier.text in scope.broken:
             return False
@@ -350,7 +352,7 @@ class Names:
                 qualifier.span,
                 also=((entry.decl.name.span, "declared here"),),
                 notes=("before a dot a reference names an import",),
-                helps=self._own_file_help(scope, qualifier, member),
+                helps=self._help_without_qualifier(scope, qualifier, member),
             )
             return
         self._missing.add((id(scope), name))
@@ -362,7 +364,7 @@ class Names:
                 f"`{name}` is {meant.subject}, not an imported file",
                 qualifier.span,
                 also=((meant.span, "declared here"),),
-                helps=self._own_file_help(scope, qualifier, member) or (meant.help,),
+                helps=self._help_without_qualifier(scope, qualifier, member) or (meant.help,),
             )
             return
         near = self.diagnostics.did_you_mean(name, scope.imports, qualifier.span)
@@ -394,7 +396,7 @@ class Names:
 
         `among`: the only names that are correct here. `helps` come before all guesses, `otherwise`
         if no name is close. A missing declaration is reported once, and so is a name before a dot
-        (`dotted`), which may be a missing import.
+        (`dotted`), for which an import may be missing.
         """
         known = {(id(scope), name), (id(scope), name, where)} & self._missing
         if name in scope.broken or known:
@@ -446,7 +448,7 @@ class Names:
             yield (f"it is an imported file: write `{name}.` and the name it declares",)
 
     def _import_helps(self, scope: FileScope, name: str, span: Span) -> tuple[Help, ...]:
-        """Gives help for a name that an imported file declares."""
+        """Gives a help for a name that an imported file declares; () if none does."""
         for qualifier, child in scope.imports.items():
             if child is not None and name in child.entries:
                 scope.used_imports.add(qualifier)
@@ -455,7 +457,7 @@ class Names:
         return ()
 
     def is_first_miss(self, scope: FileScope, name: str, where: str) -> bool:
-        """Whether this is the first use of a missing name at a place; counts others as losses."""
+        """Whether this is the first use of a missing name here; counts others as losses."""
         key = (id(scope), name, where)
         if key in self._missing:
             self.losses += 1

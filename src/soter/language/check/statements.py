@@ -49,7 +49,7 @@ class StmtChecker(CheckerPart):
         self.expressions = expressions
 
     def check_block(self, block: tree.Block, context: Context) -> tuple[typed.TypedStmt, ...]:
-        """Gives the typed statements of a block, which has a scope of its own."""
+        """Gives the typed statements of a block, for which it opens a new scope."""
         context.locals.append({})
         statements = [self.check_statement(s, context) for s in block.statements]
         frame = context.locals.pop()
@@ -75,7 +75,7 @@ class StmtChecker(CheckerPart):
     def _warn_of_shadowing(
         self, name: tree.Name, node: typed.NodeSymbol | None, context: Context
     ) -> None:
-        """Warns W017 of a local named like a constant, or like a topic that the node reads."""
+        """Warns W017 of a local that shares its name with a constant or a topic that is read."""
         entry = context.scope.entries.get(name.text)
         if entry is not None and entry.kind in ("constant", "parameter"):
             self.diagnostics.warning(
@@ -145,7 +145,7 @@ class StmtChecker(CheckerPart):
         return typed.TypedAssign(s.span, place, value) if place else None
 
     def assigned_place(self, expr: tree.SyntaxExpr, context: Context) -> typed.Place | None:
-        """Gives the variable or part of it left of `=`, or None after a report."""
+        """Gives the variable left of `=`, or the part of it; None after a reported error."""
         steps: list[tree.FieldExpr | tree.IndexExpr] = []
         base = expr
         while isinstance(base, (tree.FieldExpr, tree.IndexExpr)):
@@ -426,7 +426,7 @@ class StmtChecker(CheckerPart):
 
 
 def _loop_helps(sequence: typed.TypedExpr, context: Context) -> tuple[Help, ...]:
-    """Gives helps for `for x in e` if `e` is no list: a queue for a topic, `0..e` for a number."""
+    """Gives helps for a loop over no list: a queue for a topic, the range `0..e` for a number."""
     if isinstance(sequence, typed.TopicRead) and context.node is not None:
         for s in context.node.subscribes:
             if s.topic is sequence.topic and s.queue is None:

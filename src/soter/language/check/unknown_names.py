@@ -68,7 +68,7 @@ def function_helps(expr: tree.CallExpr, name: str, span: Span) -> tuple[Help, ..
 
 
 def range_helps(call: tree.SyntaxExpr) -> tuple[Help, ...]:
-    """Gives helps for `range(3)` and `range(1, 3)` after `for i in`."""
+    """Gives helps for `range(3)` and `range(1, 3)` in a loop."""
     if not isinstance(call, tree.CallExpr) or not isinstance(call.callee, tree.NameExpr):
         return ()
     if call.callee.name.text not in ("range", "xrange") or not 1 <= len(call.arguments) <= 2:
@@ -93,7 +93,7 @@ def library_helps(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[H
 
 
 def is_library(name: str) -> bool:
-    """Whether `name` is a library of another language, such as `math`, that Soter has built in."""
+    """Whether `name` is a library of another language whose functions Soter has built in."""
     return THEIRS.get(f"{name}.") == ""
 
 
@@ -118,7 +118,7 @@ _DECLARATION = re.compile(r"^(?:extern|node|plant|rta|system|test|type|fun|topic
 def listing_fix(word: str, name: str, owner: Span) -> Fix:
     """Gives the edit that adds `name` to the list after `word` in the node or plant at `owner`.
 
-    `word` is `subscribes`, `publishes` or `reads`; where the body has none, it gets one.
+    `word` is `subscribes`, `publishes` or `reads`; if the body has no such list, the edit adds it.
     """
     text = owner.source.text
     item = _item_match(word, owner)
@@ -130,7 +130,7 @@ def listing_fix(word: str, name: str, owner: Span) -> Fix:
 
 
 def _item_match(word: str, owner: Span) -> re.Match[str] | None:
-    """Gives the item that begins with `word` in the declaration named at `owner`; or None."""
+    """Finds the clause that begins with `word` in the declaration named at `owner`; or None."""
     text = owner.source.text
     next_ = _DECLARATION.search(text, owner.end)
     end = next_.start() if next_ else len(text)
@@ -138,7 +138,7 @@ def _item_match(word: str, owner: Span) -> re.Match[str] | None:
 
 
 def place_of_publication(name: str, owner: Span) -> Span | None:
-    """Gives the place at which the node named at `owner` publishes `name`; None if it does not."""
+    """Gives the place at which the node named at `owner` lists `name` as published; or None."""
     item = _item_match("publishes", owner)
     word = item and re.compile(rf"\b{re.escape(name)}\b").search(
         owner.source.text, item.start() + len("publishes"), item.end()
@@ -179,7 +179,7 @@ SHOWN = 3
 
 @dataclass(frozen=True)
 class Meaning:
-    """The meaning of a name in another scope: what it is, where it is declared, and a help."""
+    """The meaning of a name in another scope, with the place of its declaration and a help."""
 
     subject: str
     span: Span
@@ -277,7 +277,7 @@ def _help_for_instance(decls: Iterable[tree.Decl], item: tree.Instance) -> str:
 
 
 def topic_driven_by_state(plant: tree.PlantDecl, state: str) -> str:
-    """Gives the topic, or its field, to which a plant drives the bare state; "" if none."""
+    """Gives the topic, or the field of a topic, that a plant drives with a state; "" if none."""
     for topic, value in plant.drives:
         if isinstance(value, tree.NameExpr) and value.name.text == state:
             return topic.text
@@ -311,7 +311,7 @@ def topic_of_truth(
 
 
 def _plant_named(declared: dict[str, tree.Decl], name: str) -> tree.PlantDecl | None:
-    """Gives the plant of this name, or the one of which an instance has this name; or None."""
+    """Gives the plant called `name`, or the plant of an instance called `name`; or None."""
     found = declared.get(name)
     for system in declared.values():
         if found is None and isinstance(system, tree.SystemDecl):
@@ -336,9 +336,9 @@ def _is_instance_named(item: object, name: str) -> TypeGuard[tree.Instance]:
 def helps_for_other_kind(
     decls: Iterable[tree.Decl], decl: tree.Decl, wanted: str, span: Span
 ) -> tuple[Help, ...]:
-    """Gives helps with names of kind `wanted` that belong to `decl`, which is of another kind.
+    """Gives helps with names of kind `wanted` that are related to `decl`, which is of another kind.
 
-    For a node in place of a topic: what it publishes; for a topic in place of a type: its type.
+    For a node instead of a topic: its outputs. For a topic instead of a type: its type.
     """
     declared = tuple(decls)
     if wanted == "topic":
@@ -363,12 +363,12 @@ def helps_for_other_kind(
 
 
 def _help_with_names(label: str, names: list[str], then: str = "") -> tuple[Help, ...]:
-    """Gives a help with a sentence about names; () if there are none."""
+    """Gives a help that lists names in a sentence; () if `names` is empty."""
     return (f"{label} {quoted_names(names)}{then}",) if names else ()
 
 
 def _help_with_nodes(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
-    """Gives a help with the nodes of a topic or module, or with all nodes, as one sentence."""
+    """Gives a help that lists the nodes of a topic or module, or all nodes."""
     known = [d for d in decls if isinstance(d, tree.NodeDecl)]
     if isinstance(decl, tree.TopicDecl):
         by = [d.name.text for d in known if decl.name.text in _published_names(d)]
@@ -379,7 +379,7 @@ def _help_with_nodes(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Hel
 
 
 def _help_with_topics(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
-    """Gives a help with the topics of a node, plant, module or type, as one sentence."""
+    """Gives a help that lists the topics of a node, plant, module or type."""
     if isinstance(decl, tree.NodeDecl):
         topics, verb = _published_names(decl), "publishes"
     elif isinstance(decl, tree.PlantDecl):
@@ -398,7 +398,7 @@ def _help_with_topics(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[He
 
 
 def whole_topic_helps(decls: Iterable[tree.Decl], topic: tree.Decl, part: Span) -> tuple[Help, ...]:
-    """Gives helps for `pose.x` at `part` where a topic is needed: all of the record, or `pose`."""
+    """Gives helps for `pose.x` if only the whole topic `pose` is possible at this place."""
     assigned = part.source.text[part.end :].lstrip().startswith("=")
     if not assigned or not isinstance(topic, tree.TopicDecl):
         return (replace(part, topic.name.text),)

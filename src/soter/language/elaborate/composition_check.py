@@ -37,7 +37,7 @@ _CAPITALS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
 def driver_fixes(program: TypedProgram, system: SystemSymbol, topic: Topic) -> tuple[Help, ...]:
-    """Gives edits that add an instance which drives a topic of the system, not of a sub-system."""
+    """Gives edits that add an instance that drives a topic of the system; () for inner systems."""
     if topic.name != topic.symbol.name:
         return ()
     declarations = itertools.islice(_items_that_drive(program, system, topic.symbol), SHOWN)
@@ -47,7 +47,7 @@ def driver_fixes(program: TypedProgram, system: SystemSymbol, topic: Topic) -> t
 def _items_that_drive(
     program: TypedProgram, system: SystemSymbol, topic: TopicSymbol
 ) -> Iterator[str]:
-    """Yields the text of each item that would add to the system a declared driver of a topic."""
+    """Yields the text of each item that would add an instance that drives the topic."""
     taken = {i.name for i in system.instances}
     present: set[object] = {i.what for i in system.instances}
     modules = program.modules.values()
@@ -72,7 +72,7 @@ def _free_instance_name(name: str, taken: set[str]) -> str:
 
 
 def fix_that_adds(system: SystemSymbol, item: str) -> Fix:
-    """Gives the edit that writes an item in front of all others of a system."""
+    """Gives the edit that inserts an item before all other items of a system."""
     text = system.span.source.text
     opener = text.find("{", system.span.end) + 1
     at = Span(system.span.source, opener, opener)
@@ -80,7 +80,7 @@ def fix_that_adds(system: SystemSymbol, item: str) -> Fix:
 
 
 def fix_that_makes_input(program: TypedProgram, symbol: TopicSymbol) -> tuple[Help, ...]:
-    """Gives the edit that makes a topic an input, if the program has no driver for it."""
+    """Gives the edit that makes a topic an input, if nothing in the program drives it."""
     if any(symbol in n.publishes for n in program.nodes.values()) or any(
         symbol is t for p in program.plants.values() for t, _ in p.drives
     ):
@@ -97,8 +97,8 @@ def fix_that_makes_input(program: TypedProgram, symbol: TopicSymbol) -> tuple[He
 class Composition:
     """Checks one flat system.
 
-    `partial` says that errors in parts were reported, so that a missing part is no new error.
-    `draft` says that the file declares no system, and that this one stands for the whole file.
+    `partial`: errors in parts were reported, so a missing part is no new error. `draft`: the file
+    declares no system, and this one stands for the whole file.
     """
 
     def __init__(
@@ -155,7 +155,7 @@ class Composition:
     # ------------------------------------------------------------ drivers
 
     def _nodes_beside_modules(self) -> set[Component]:
-        """Gives the nodes that a system names besides a module that has them; reports M004."""
+        """Gives the nodes that a system names although a module contains them; reports M004."""
         beside: dict[Component, tuple[str, Module]] = {}
         for c in self.system.components:
             if c.role != "node" or c.node is None or c.stands_for is not None or self.draft:
@@ -195,7 +195,7 @@ class Composition:
                 )
 
     def _drivers_by_topic(self, beside: set[Component]) -> dict[int, list[tuple[str, Span]]]:
-        """Gives topic -> its publishers, each with its kind and full name, and its place."""
+        """Gives topic -> its publishers, as pairs of a text with kind and name, and a place."""
         drivers_by_topic: dict[int, list[tuple[str, Span]]] = {}
         for c in self.system.components:
             if c in beside:
@@ -247,7 +247,7 @@ class Composition:
         )
 
     def _listing_and_fix(self, topic: Topic, place: Span) -> tuple[Span | None, tuple[Help, ...]]:
-        """Gives where the node at `place` lists `topic`; and an edit, if it never publishes it."""
+        """Gives the place where a node lists `topic`, and an edit if it never publishes it."""
         for c in self.system.components:
             if c.span is not place or c.role != "node" or c.node is None or c.stands_for:
                 continue
@@ -273,7 +273,7 @@ class Composition:
         note: str,
         helps: tuple[Help, ...],
     ) -> None:
-        """Reports an error; in a draft with a note, and only if the draft has no other errors."""
+        """Reports an error; in a draft only if it has no other errors, and with a note."""
         if self.draft and self.had_errors:
             return
         notes = (note,) if note else ()
@@ -285,7 +285,7 @@ class Composition:
     # ------------------------------------------------------------ wires
 
     def _require_distinct_names(self) -> None:
-        """Reports N002 for two topics of one name: one of an instance, one of an import."""
+        """Reports N002 for a topic of an instance with the same name as a topic of an import."""
         seen: dict[str, Topic] = {}
         for topic in self.system.topics:
             other = seen.setdefault(topic.name, topic)
@@ -300,7 +300,7 @@ class Composition:
                 )
 
     def _report_driven_input(self, topic: Topic, who: str, span: Span) -> None:
-        """Reports M011 if the part at `span` drives an input by a wire."""
+        """Reports M011 if a wire makes the part at `span` drive an input topic."""
         parts = [c for c in self.system.components if c.span is span]
         if any(topic.symbol in c.published for c in parts):
             return  # it names the input itself, which the checker reported
@@ -314,7 +314,7 @@ class Composition:
         )
 
     def _require_disjoint_topics(self) -> None:
-        """Reports M001 for a node one of whose inputs is wired to one of its outputs."""
+        """Reports M001 for a node with an input and an output that are wired to the same topic."""
         for c in self.system.components:
             if c.node is None:
                 continue
@@ -339,7 +339,7 @@ class Composition:
     # ------------------------------------------------------------ acknowledgements
 
     def _check_acknowledgements(self, drivers: dict[int, list[tuple[str, Span]]]) -> None:
-        """Reports M028 if a node or module acknowledges, or one acknowledgement counts twice."""
+        """Reports M028 if a part of the program acknowledges, or two modules share the topic."""
         first_by_topic: dict[int, Module] = {}
         for module in self.system.modules:
             latch = module.symbol.latch
@@ -454,7 +454,7 @@ class Composition:
 
 
 def _help_to_leave_out(names: Sequence[Span]) -> Help:
-    """Gives the help that removes items, as an edit if each stands alone on its line."""
+    """Gives the help that removes items; it is an edit if each item has a line for itself."""
     title = f"leave {' and '.join(f'`{n.text}`' for n in names)} out"
     edits = []
     for n in names:

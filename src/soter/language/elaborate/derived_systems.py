@@ -42,12 +42,12 @@ OUTSIDE = "input"
 
 
 def with_only(system: System, kept: Collection[int]) -> System:
-    """Gives the system of these components (indices), in their order, numbered anew.
+    """Gives the system of the components with these indices, in the same order, with new indices.
 
-    `kept` has all three parts of a module or none. Properties remain that read only what remains;
-    all topics and their draws remain, even without a driver. A node that reads the mode of a
-    removed module becomes an extern; a DM whose predicates read one cannot be run or proved (R007).
-    `hyperperiod_ns` remains a multiple of the periods left. A test plan is removed.
+    `kept` has all three parts of a module or none. A property stays if everything that it reads
+    stays. All topics and their draws stay, even without a driver. A node that reads the mode of a
+    removed module becomes an extern; a DM whose predicates read such a mode cannot be run or proved
+    (R007). `hyperperiod_ns` remains a multiple of the periods left. A test plan is removed.
     """
     at = {old: new for new, old in enumerate(sorted(kept))}
     modules = [m for m in system.modules if {m.dm, m.ac, m.sc} <= at.keys()]
@@ -92,7 +92,7 @@ def with_only(system: System, kept: Collection[int]) -> System:
 
 
 def bare_system(system: System, kept: Collection[int]) -> System:
-    """Gives the system of these components (indices), without properties, draws and `until`."""
+    """Gives the system of the components `kept`, without properties, draws and `until`."""
     return replace(with_only(system, kept), properties=(), inputs=(), measures=(), until_ns=None)
 
 
@@ -103,10 +103,10 @@ def module_alone(system: System, module: Module, plants: Sequence[Component] = (
 
 
 def proof_system(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol]) -> System:
-    """Gives a system of a module of `flat` and the plants of its proof, with the values of `flat`.
+    """Gives the system of a module and the plants of its proof, with the values of `flat`.
 
-    Topics are those that the module sees, and the plants get the parameters of the module. Raises
-    `SoterError` if the two do not fit together.
+    Its topics are those that the module sees, and the plants get the parameters of the module.
+    Raises SoterError if module and plants do not fit together.
     """
     symbol = module.symbol
     ac, sc = (flat.components[i].node for i in (module.ac, module.sc))
@@ -135,7 +135,7 @@ def proof_system(flat: System, module: Module, plants: Sequence[typed.InstanceSy
 def settings_of_instances(
     module: Module, instances: Sequence[typed.InstanceSymbol]
 ) -> Iterator[typed.SetSymbol]:
-    """Yields settings that give each of these instances the module's own parameter values."""
+    """Yields settings that give each of these instances the parameter values of the module."""
     for param, value in module.scope.params.items():
         if repr(value) != repr(module.around[param]):
             for instance in instances:
@@ -146,7 +146,7 @@ def settings_of_instances(
 
 
 def with_components(system: System, changed: Iterable[Component]) -> System:
-    """Gives the system with these components in the place of those with the same indices."""
+    """Gives the system in which these components replace those with the same indices."""
     new = {c.index: c for c in changed}
     return replace(system, components=tuple(new.get(c.index, c) for c in system.components))
 
@@ -154,14 +154,14 @@ def with_components(system: System, changed: Iterable[Component]) -> System:
 def with_node(
     component: Component, node: typed.NodeSymbol, topics: Mapping[typed.TopicSymbol, int]
 ) -> Component:
-    """Gives the component with another node, without locals, whose scope also has `topics`."""
+    """Gives the component with `node`, which has no locals, as its node, and with more topics."""
     assert not node.locals
     scope = replace(component.scope, topics={**component.scope.topics, **topics})
     return replace(component, node=node, scope=scope, initial=(), binding=None)
 
 
 def with_unbound_externs(system: System, indices: Collection[int]) -> System:
-    """Gives the system with these components (nodes or plants) as externs without a binding."""
+    """Gives the system with the nodes or plants at these indices as externs without a binding."""
     return with_components(system, (_as_extern(system.components[i]) for i in indices))
 
 
@@ -174,7 +174,7 @@ def without_bindings(system: System) -> System:
 
 
 def with_module(system: System, module: Module) -> System:
-    """Gives the system with this module in the place of the one with the same index."""
+    """Gives the system in which this module replaces the one with the same index."""
     modules = [module if m.index == module.index else m for m in system.modules]
     return replace(system, modules=tuple(modules))
 
@@ -185,7 +185,7 @@ def with_forced_mode(system: System, module: int, who: str) -> System:
 
 
 def systems_by_plan(system: System, module: Module) -> Iterator[tuple[System, Module]]:
-    """Yields the system, and its module, once with each of several plans as the only SC."""
+    """Yields the system and the module once for each plan, with that plan as the only SC."""
     sc = system.components[module.sc]
     for node in module.symbol.plans if module.plan is not None else ():
         symbol = replace(module.symbol, sc=node, plans=(), plan=None)
@@ -198,18 +198,18 @@ def systems_by_plan(system: System, module: Module) -> Iterator[tuple[System, Mo
 
 
 def with_more_inputs(module: Module, more: Sequence[int], **changes: Any) -> Module:  # noqa: ANN401 - fields
-    """Gives the module with more topics in `inputs`, and `changes` of other fields."""
+    """Gives the module with more topics in `inputs`; `changes` are new values of other fields."""
     return replace(module, inputs=(*module.inputs, *more), **changes)
 
 
 def with_changed_topics(system: System, changed: Iterable[Topic]) -> System:
-    """Gives the system with these topics in the place of those with the same indices."""
+    """Gives the system in which these topics replace those with the same indices."""
     new = {t.index: t for t in changed}
     return replace(system, topics=tuple(new.get(t.index, t) for t in system.topics))
 
 
 def with_topics(system: System, made: Sequence[Topic]) -> System:
-    """Gives the system with more topics behind its own."""
+    """Gives the system with these topics added at the end."""
     return replace(system, topics=(*system.topics, *made))
 
 
@@ -218,7 +218,7 @@ def with_topic(
 ) -> tuple[System, Topic]:
     """Gives the system with one more topic, and this topic; `changes` are fields unlike `like`.
 
-    The new topic has no queues: the queues of `like` collect what is published on `like` alone.
+    The new topic has no queues, as the queues of `like` collect only values published on `like`.
     """
     taken = {t.name for t in system.topics} | {t.symbol.name for t in system.topics}
     symbol = replace(symbol, name=_unused_name(symbol.name, taken))
@@ -230,7 +230,7 @@ def with_topic(
 
 
 def with_drawn_topic(system: System, topic: int, every_ns: int) -> System:
-    """Gives the system with a topic drawn from its set every `every_ns` ns, as an input is."""
+    """Gives the system with a topic drawn from its set every `every_ns` ns, like an input."""
     return replace(system, inputs=(*system.inputs, InputDrive(topic, every_ns)))
 
 
@@ -240,7 +240,7 @@ def with_draws(system: System, wanted: Callable[[int], bool]) -> System:
 
 
 def without_held_topics(system: System) -> System:
-    """Gives the system without held topics: outputs of steps that take time take effect at once.
+    """Gives the system without held topics, so that outputs of steps take effect at once.
 
     It is for proofs and tests, which handle `Component.takes_ns` themselves.
     """
@@ -264,7 +264,7 @@ def without_latches(system: System) -> System:
 
 
 def _hidden_topics(components: Sequence[Component], modules: Sequence[Module]) -> set[int | None]:
-    """Gives indices of topics that no program declares: of steps, modules and shields."""
+    """Gives the indices of topics that steps, modules and shields add to those of the program."""
     ids = {c.held for c in components} | {i for m in modules for i in (m.looked, m.latch, m.plan)}
     shields = [m.shield for m in modules if m.shield is not None]
     return ids | {i for s in shields for i in (s.topic, s.proposed)}
@@ -305,20 +305,20 @@ def faultless(system: System) -> System:
 
 
 def without_faults(system: System, gone: Collection[str], *, shuffled: bool) -> System:
-    """Gives the system without the faults whose `text` is in `gone`; `shuffled`: random order."""
+    """Gives the system without the faults whose `text` is in `gone`; `shuffled` mixes the order."""
     left = [f for f in system.faults if f.text not in gone]
     faults = with_wait_faults(system.modules, left, shuffled=shuffled)
     return replace(system, faults=faults, shuffled=shuffled)
 
 
 def without_outside_faults(system: System) -> System:
-    """Gives the system, in the deployed order, without faults that break assumptions of proofs."""
+    """Gives the system without faults that proofs do not cover, in the deployed order."""
     gone = {f.text for f in system.faults if f.inside is None}
     return without_faults(system, gone, shuffled=False)
 
 
 def with_faults(system: System, more: Sequence[Fault], *, shuffled: bool = False) -> System:
-    """Gives the system with more faults; with `shuffled` the order of steps is random, too."""
+    """Gives the system with more faults; `shuffled` makes the order of steps random."""
     any_order = system.shuffled or shuffled
     faults = with_wait_faults(system.modules, (*system.faults, *more), shuffled=any_order)
     return replace(system, faults=faults, shuffled=any_order)
@@ -328,12 +328,12 @@ def with_faults(system: System, more: Sequence[Fault], *, shuffled: bool = False
 
 
 def with_properties(system: System, properties: Sequence[Property]) -> System:
-    """Gives the system with these properties and no others."""
+    """Gives the system with `properties` in place of its properties."""
     return replace(system, properties=tuple(properties))
 
 
 def with_test(system: System, plan: TestPlan) -> System:
-    """Gives the system with the plan of a test."""
+    """Gives the system with `plan` as its test plan."""
     return replace(system, test=plan)
 
 
@@ -341,7 +341,7 @@ def with_test(system: System, plan: TestPlan) -> System:
 
 
 def _as_runnable(c: Component) -> Component:
-    """Gives the component; as an extern, if it reads the mode of a module that was left out."""
+    """Gives the component, as an extern if it reads the mode of a module that was removed."""
     if c.node is None or c.node.extern:
         return c
     read = mode_reads(*c.node.step, *(c.node.takeover or ()))
@@ -349,7 +349,7 @@ def _as_runnable(c: Component) -> Component:
 
 
 def _as_extern(c: Component) -> Component:
-    """Gives the component as an extern: its declaration without code and locals."""
+    """Gives the component as an extern, whose declaration has no code and no locals."""
     if c.plant is not None:
         return replace(c, plant=replace(c.plant, extern=True), binding=None)
     assert c.node is not None
@@ -358,7 +358,7 @@ def _as_extern(c: Component) -> Component:
 
 
 def _reads_only_remaining(p: Property, at: Mapping[int, int], placed: Mapping[int, int]) -> bool:
-    """Whether the parts and modules that a property reads remain, and a contract's component."""
+    """Whether all parts that a property concerns remain in the reduced system."""
     seen = [*p.scope.plants.values(), *([] if p.component is None else [p.component])]
     read = mode_reads(p.condition)
     present = {m for m, i in p.scope.modules.items() if i in placed}

@@ -71,7 +71,7 @@ AT_A_STEP = 2
 
 @dataclass
 class ReadTopic:
-    """The reads of a topic: parts read as a whole, with a place, and numbers only compared."""
+    """The reads of a topic: parts read as a whole, and numbers that are only compared."""
 
     whole: dict[Path, Span] = field(default_factory=dict)
     compared: dict[Path, set[Comparison]] = field(default_factory=dict)
@@ -112,7 +112,7 @@ class Readers:
         self._add_reads_of_contracts([c for c in system.components if c.stands_for is not None])
 
     def reads_of_topic(self, topic: int) -> ReadTopic:
-        """Gives what code reads of the topic with this index."""
+        """Gives the reads of the topic with this index."""
         return self.topics.setdefault(topic, ReadTopic())
 
     def _add_whole_read(self, topic: int, span: Span) -> None:
@@ -133,7 +133,7 @@ class Readers:
             self.heard |= {*c.reads}
 
     def _add_reads_of_contracts(self, stand_ins: list[Component]) -> None:
-        """Adds what contracts of stand-ins read, if something observes the stand-in."""
+        """Adds the reads of contracts, for each stand-in that something can observe."""
         waiting = stand_ins
         while True:
             heard = [c for c in waiting if self.may_be_observed(c)]
@@ -145,7 +145,7 @@ class Readers:
                 self._add_reads(c.stands_for.asked, c.scope)
 
     def may_be_observed(self, c: Component) -> bool:
-        """Whether a DM, or code outside of stand-in `c`, can tell what or when `c` publishes."""
+        """Whether a DM or other code can tell when `c` publishes, or which values."""
         assert c.node is not None
         outputs = {*c.writes}
         return c.module is not None or bool(outputs & self.heard)
@@ -181,7 +181,7 @@ class Readers:
             todo += children(node)
 
     def _note_comparison(self, e: typed.TypedBinary, scope: Scope) -> bool:
-        """Notes that `e` compares a number of a topic with a constant; gives False otherwise."""
+        """Records that `e` compares a number of a topic with a constant; returns False if not."""
         if e.op not in _HOLDS or not isinstance(e.left.type, (FloatType, IntType)):
             return False
         for read, other in ((e.left, e.right), (e.right, e.left)):
@@ -198,7 +198,7 @@ class Readers:
         return False
 
     def _place_that_is_read(self, e: object, scope: Scope) -> tuple[int, Path] | None:
-        """Gives the topic and the field of it that an expression reads; None for any other."""
+        """Gives the topic, and the path of the field, that an expression reads; or None."""
         path: list[int] = []
         while isinstance(e, typed.TypedField):
             path.append(e.index)
@@ -211,9 +211,9 @@ class Readers:
 def representative_numbers(
     compared: set[Comparison], bound: Bound | None, t: IntType | FloatType, first: Value
 ) -> list[int | float]:
-    """Gives one number, `first` for one, for each possible combination of comparisons' results.
+    """Gives one number for each possible combination of results of the comparisons.
 
-    All numbers lie in the set `bound`, as `first` does; None stands for a topic without a set.
+    `first` stands for its combination. All numbers lie in the set `bound`; None means no set.
     """
     constants = {c for _, c in compared}
     low: float
@@ -236,7 +236,7 @@ def representative_numbers(
 
 
 def _number_between(a: float, b: float, t: IntType | FloatType) -> float:
-    """Gives a number between two others; of two neighbouring ints the lower one."""
+    """Gives a number between two others; for neighbouring ints, the lower of the two."""
     if isinstance(t, IntType):
         return (int(a) + int(b)) // 2
     return float((Fraction(a) + Fraction(b)) / 2)
@@ -244,11 +244,11 @@ def _number_between(a: float, b: float, t: IntType | FloatType) -> float:
 
 @dataclass
 class ReadClocks:
-    """The clocks that one piece of code reads: the step of `component`, or a property if None.
+    """The clocks that a piece of code reads: the step of `component`, or a property if None.
 
-    `ages`: topic indices; `now`: whether it reads `time`; `kept`: whether it reads locals with a
-    time of an earlier step; `crossed`: whether it compares a clock with another. For a property
-    `looks` is the number of moments that decide it, and `deadline` the kind of a timed one.
+    `ages`: topics whose age it reads; `now`: whether it reads `time`; `kept`: whether it reads
+    locals with a time of an earlier step; `crossed`: whether it compares two clocks. `looks`: the
+    number of moments that decide a property; `deadline`: the kind of a timed property.
     """
 
     component: int | None = None
@@ -267,7 +267,7 @@ class ReadClocks:
 
 
 def grid_part_count(system: System, watched: Sequence[ReadClocks]) -> int:
-    """Gives into how many parts the grid is cut: the most strict edges in a circle of times."""
+    """Gives the number of parts of a grid: the most strict edges in a circle of times."""
     late = _late_components(system)
     if not late:
         return 1
@@ -276,7 +276,7 @@ def grid_part_count(system: System, watched: Sequence[ReadClocks]) -> int:
     for w in watched:
         free = late if w.component is None else late & {w.component}
         ages = {system.topics[t].source for t in w.ages}
-        edges, moving, has_zero = _count_edges(w, ages, moved, free=bool(free))
+        edges, moving, has_zero = _edge_and_clock_counts(w, ages, moved, free=bool(free))
         from_zero |= has_zero
         clocks += moving
         if w.component is not None:
@@ -297,10 +297,10 @@ def _late_components(system: System) -> set[int]:
     return late
 
 
-def _count_edges(
+def _edge_and_clock_counts(
     w: ReadClocks, ages: set[int], moved: set[int], *, free: bool
 ) -> tuple[int, int, bool]:
-    """Gives the strict edges of one run of `w`'s code, its moving clocks, and if time 0 is a node.
+    """Gives the strict edges and moving clocks of a run of `w`'s code, and if time 0 is a node.
 
     `ages`: topics whose age it reads; `moved`: topics whose stamps may be late; `free`: whether the
     code itself may run late.

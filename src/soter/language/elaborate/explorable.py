@@ -30,7 +30,7 @@ MAX_STEPS = 10_000_000
 def check_explorable(
     flat: Flattening, test: typed.TestSymbol, system: System, *, sound: bool
 ) -> None:
-    """Reports why a test (`system.test`) cannot be explored; `sound`: no part has errors."""
+    """Reports why a test (`system.test`) cannot be explored; `sound` if no part has errors."""
     plan = system.test
     assert plan is not None
     if sound:
@@ -104,7 +104,7 @@ def _check_size(flat: Flattening, test: typed.TestSymbol, system: System, horizo
 
 
 def _check_quantum(test: typed.TestSymbol, plan: TestPlan, diagnostics: Diagnostics) -> None:
-    """Warns W008 of a quantum longer than any step of the test may be late."""
+    """Warns W008 of a quantum that is longer than the greatest lateness of a step in the test."""
     expr = test.quantum
     if expr is None or plan.quantum_ns is None:
         return
@@ -176,7 +176,7 @@ def _code_that_may_run(system: System) -> Iterator[object]:
 
 
 def _add_externs(root: object, call_by_extern: dict[typed.FunSymbol, typed.TypedCall]) -> None:
-    """Adds the extern functions that code below `root` calls, directly or not, with the call."""
+    """Adds extern function -> call, for externs that code below `root` calls, also indirectly."""
     for call in calls_in(root):
         seen: set[typed.FunSymbol] = set()
         todo = [call.fun]

@@ -32,13 +32,13 @@ if TYPE_CHECKING:
 
 
 def components_named(system: System, path: str) -> list[Component]:
-    """Gives the components with this full name, or else those that have it as an alias."""
+    """Gives the components with this full name, or if none has it, those with it as an alias."""
     matches = [c for c in system.components if c.name == path]
     return matches or [c for c in system.components if path in _aliases(system, c)]
 
 
 def _aliases(system: System, c: Component) -> set[str]:
-    """Gives the names that a component has beside its full name, the same as in `replace`."""
+    """Gives the other names of a component besides its full name, the same as in `replace`."""
     if c.node is None:
         return set()
     symbols = [c.node]
@@ -53,7 +53,7 @@ def _aliases(system: System, c: Component) -> set[str]:
 def refuse_path(
     system: System, path: str, span: Span, diagnostics: Diagnostics, *, verb: str, plants: bool
 ) -> None:
-    """Reports E009 for a path of no component that could `verb`; `plants`: a plant could, too."""
+    """Reports E009 for a path of no component that could `verb`; `plants`: plants count, too."""
     known = [c.name for c in system.components if plants or c.role != "plant"]
     head, _, last = path.rpartition(".")
     inside = [n for n in known if n.startswith(f"{head}.") and n.endswith(f".{last}")]
@@ -87,7 +87,7 @@ GIVEN = (*TIMED, "bias", "noise", "scale")
 
 
 def add_faults(flat: Flattening, system: System) -> None:
-    """Adds to a system the faults that its symbol declares, and sets `shuffled`.
+    """Adds the faults that the system declares, and sets `shuffled`.
 
     Topics that hold the outputs of steps that overrun come last.
     """
@@ -113,7 +113,7 @@ class _FaultPlacer:
         self.streams: dict[str, int] = {}
 
     def faults_of(self, item: typed.SystemFaultSymbol) -> Iterator[Fault]:
-        """Yields the faults of one item, one for each component; none after a report."""
+        """Yields the faults of an item, one for each component; none after a reported error."""
         if item.kind == "order":
             return
         lasts = self.flat.duration_ns(item.lasts, f"how long `{item.kind}` lasts") or 0
@@ -124,7 +124,7 @@ class _FaultPlacer:
         streams: dict[int, str] = {}
         now_and_then = item.kind == "late" and item.rate is not None
         together = item.path in GROUPS and now_and_then
-        shared = self._new_stream(item) if together else None
+        shared = self._new_stream_name(item) if together else None
         slot = int(amount[0]) if now_and_then else lasts
         apart = slot > 0 and item.kind in APART
         for c, topic, leaf_indices, disturbance in self._targets_of(item):
@@ -132,7 +132,7 @@ class _FaultPlacer:
             if p is None or self._leaves_no_release(item, amount, c):
                 return
             if c.index not in streams:
-                streams[c.index] = shared or self._new_stream(item, c)
+                streams[c.index] = shared or self._new_stream_name(item, c)
             fault = Fault(
                 kind=item.kind,
                 component=c.index,
@@ -151,14 +151,14 @@ class _FaultPlacer:
     def _leaves_no_release(
         self, item: typed.SystemFaultSymbol, amount: tuple[float, ...], c: Component
     ) -> bool:
-        """Reports V011 and returns True if a component would be so late that it never runs."""
+        """Whether a component would be so late that it never runs; reports V011 if so."""
         never = item.kind == "late" and item.rate is None and amount[0] >= c.period_ns
         if never:
             self._refuse(item, f"leaves `{c.name}` no release: each is lost to the next one")
         return never
 
-    def _new_stream(self, item: typed.SystemFaultSymbol, c: Component | None = None) -> str:
-        """Gives a new stream name; a second fault of one kind in one place gets another name."""
+    def _new_stream_name(self, item: typed.SystemFaultSymbol, c: Component | None = None) -> str:
+        """Gives a new stream name; a second fault of the same kind and place gets another name."""
         where = item.path if c is None or c.name == item.path else f"{c.name}.{item.path}"
         name = f"fault.{item.kind}.{where}"
         count = self.streams[name] = self.streams.get(name, 0) + 1
@@ -167,7 +167,7 @@ class _FaultPlacer:
     # ------------------------------------------------------------ numbers
 
     def _rate_per_s(self, item: typed.SystemFaultSymbol) -> float | None:
-        """Gives how often per second a fault happens; 0 if it always acts, None after a report."""
+        """Gives the rate of a fault per second; 0 if it always acts, None after an error."""
         if item.rate is None or item.per is None:
             return 0.0
         rate = self.flat.value_of(item.rate, "how often")
@@ -201,7 +201,7 @@ class _FaultPlacer:
     def _quantiles_of_lateness(
         self, item: typed.SystemFaultSymbol, values: list[float], lasts: int
     ) -> tuple[float, ...] | None:
-        """Gives the quantiles of the lateness, rising, in ns; None after a report."""
+        """Gives the ascending quantiles of the lateness, in ns; None after a reported error."""
         if any(not 0 <= v <= LATE_MAX_NS for v in values) or values != sorted(values):
             self._refuse(item, "is by times from 0 to 1 h, the shorter ones first")
             return None
@@ -215,7 +215,7 @@ class _FaultPlacer:
     def _probability_of_slot(
         self, item: typed.SystemFaultSymbol, rate: float, slot_ns: int, *, apart: bool
     ) -> float | None:
-        """Gives the probability that a slot has the fault, from its rate; None after a report."""
+        """Gives the probability that a slot has the fault, from its rate; None after an error."""
         if item.rate is None:
             return 1.0
         share = rate * (slot_ns / 1e9)
@@ -324,7 +324,7 @@ class _FaultPlacer:
     # ------------------------------------------------------------ whether proofs cover a fault
 
     def enter_covering_assumptions(self, faults: Sequence[Fault]) -> None:
-        """Sets in each fault why proofs cover it (`inside`); times of one component add up."""
+        """Sets in each fault the reason why proofs cover it; times of one component add up."""
         for f in faults:
             f.inside = self._covering_reason(f, self.system.components[f.component], faults)
 
@@ -343,7 +343,7 @@ class _FaultPlacer:
         return None
 
     def _must_publish(self, c: Component, fault: Fault) -> bool:
-        """Whether a proof assumes that this AC steps and publishes at its releases."""
+        """Whether some proof assumes that this AC steps and publishes at each release."""
         blocks = [m.symbol.verify for m in self.system.modules]
         return fault.kind in {"late", "skip", "silent", "overrun"} and any(
             b.induction is not None
@@ -352,13 +352,13 @@ class _FaultPlacer:
         )
 
     def _declared_ns(self, m: Module, expr: typed.TypedExpr | None) -> float | None:
-        """Gives a time of a `verify` block in ns, with the parameters of its module."""
+        """Gives a time of a `verify` block in ns, computed with the parameters of the module."""
         with self.flat.with_params(m.scope.params):
             value = self.flat.value_of(expr, "a time of `verify`")
         return None if value is None else float(value)
 
     def _time_reason(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
-        """Gives the reason why `late` or `response` covers such faults of `c`; or None."""
+        """Gives the reason why `late` or `response` covers such faults of `c`; None if not."""
         timed = [f for f in faults if f.kind in TIMED and f.component == c.index]
         most = sum(int(f.amount[-1]) for f in timed if f.kind == fault.kind)
         if fault.kind == "late":
@@ -395,9 +395,9 @@ class _FaultPlacer:
         return "no longer than its declared `response`" if _are_at_least(declared, most) else None
 
     def _dropout_reason(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
-        """Gives the reason why `dropout` of all modules covers a plant's silences; or None.
+        """Gives the reason why `dropout` in all modules covers a plant's silences; None if not.
 
-        A silence shorter than a period still loses a release, and two may follow each other.
+        A silence shorter than a period still loses a release, and two silences may be adjacent.
         """
         assert c.plant is not None
         silent = {f.stream: f for f in faults if f.kind == "silent" and f.component == c.index}
@@ -427,12 +427,12 @@ class _FaultPlacer:
 
 
 def _are_at_least(declared: Sequence[float | None], least: int) -> bool:
-    """Whether there are declared times, and each is at least `least`."""
+    """Whether times are declared and each of them is at least `least`."""
     return bool(declared) and all(v is not None and least <= v for v in declared)
 
 
 def _topics_read(system: System, c: Component) -> set[int]:
-    """Gives the topics that a node subscribes to; for a queue the topic that fills it."""
+    """Gives the topics to which a node subscribes; for a queue, the topic that fills it."""
     if c.node is None:
         return set()
     subscribed = [system.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
@@ -440,7 +440,7 @@ def _topics_read(system: System, c: Component) -> set[int]:
 
 
 def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
-    """Gives the reason why no step of a component can overrun; None if one can."""
+    """Gives the reason why no step of a component can overrun; None if a step can."""
     if rest:
         return f"`{c.name}` has no `{'.'.join(rest)}` that steps"
     if c.role == "plant":
@@ -457,17 +457,17 @@ def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
 
 
 def _by_full_name(m: Module, exprs: Mapping[str, typed.TypedExpr]) -> dict[str, typed.TypedExpr]:
-    """Gives full name in the system -> expression, for node names of a `verify` block."""
+    """Gives full name -> expression, for names of nodes in a `verify` block."""
     return {f"{m.name.removesuffix(m.name.rpartition('.')[2])}{n}": e for n, e in exprs.items()}
 
 
 def _publishes_one_value(c: Component, topic: typed.TopicSymbol) -> bool:
-    """Whether a step of a component publishes at most one message on a topic, of fixed size."""
+    """Whether each step publishes at most one message of fixed size on the topic."""
     return not has_list(topic.type) and not (c.node is not None and topic in c.node.bursts)
 
 
 def _leaves_to_hit(kind: str, topic: Topic, path: Sequence[str]) -> tuple[int, ...]:
-    """Gives indices of the leaves below `path` that a kind of fault can hit; (0,) for "silent"."""
+    """Gives the indices of the leaves below `path` that this kind of fault can hit."""
     if kind == "silent":
         return () if path else (0,)
     wanted = {"stuck": (object,), "saturated": (FloatType, IntType)}.get(kind, (FloatType,))

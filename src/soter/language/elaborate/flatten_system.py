@@ -23,10 +23,10 @@ from soter.language.elaborate.passes.properties import (
     add_properties_of_test,
     enter_modes_in_scopes,
 )
-from soter.language.elaborate.passes.stated_values import hold_to_stated_values
+from soter.language.elaborate.passes.stated_values import add_checks_of_stated_values
 from soter.language.elaborate.passes.step_times import mark_inline_nodes
 from soter.language.elaborate.passes.system_numbers import TooLargeError, warn_of_idle_settings
-from soter.language.elaborate.passes.topics import index_at
+from soter.language.elaborate.passes.topics import topic_index_at
 from soter.language.model import typed
 from soter.language.model.system import System
 
@@ -56,7 +56,7 @@ def _run_passes(flat: Flattening) -> System:
     enter_modes_in_scopes(flat)
     add_properties(flat)
     if flat.test is not None:
-        hold_to_stated_values(flat, flat.test)
+        add_checks_of_stated_values(flat, flat.test)
         add_properties_of_test(flat, flat.test)
     add_inputs(flat)
     add_externals(flat)
@@ -78,14 +78,14 @@ def _run_passes(flat: Flattening) -> System:
 
 
 def flatten_loose(flat: Flattening, topics: Iterable[typed.TopicSymbol]) -> System | None:
-    """Makes a system of declarations outside systems and of `topics`, checking numbers alone."""
+    """Makes a system of declarations that no system uses, only to check their numbers."""
     flat.partial = True
     try:
         place_instances(flat)
         make_components(flat, "sc")
         make_modules(flat)
         for topic in topics:
-            index_at(flat, flat.parts[0], topic)
+            topic_index_at(flat, flat.parts[0], topic)
     except TooLargeError:
         return None
     return _system_from_record(flat)
@@ -109,7 +109,7 @@ def _system_from_record(flat: Flattening) -> System:
 
 
 def _warn_of_idle_settings(flat: Flattening) -> None:
-    """Warns W010 of settings that nothing reads, unless a part that may read them is missing."""
+    """Warns W010 of settings that nothing reads, unless a part of the program is missing."""
     settings = flat.parameters.settings_of_instances()
     if not settings or flat.partial:
         return
@@ -128,7 +128,7 @@ def _warn_of_idle_settings(flat: Flattening) -> None:
 
 
 def implicit_system(program: typed.TypedProgram) -> typed.SystemSymbol | None:
-    """Gives the system of a file without one: everything in the file, once; None if it is empty."""
+    """Gives a system with one instance of everything in a file without a system; None if empty."""
     used = {n for m in program.modules.values() for n in m.named_nodes}
     whats: list[typed.PlantSymbol | typed.ModuleSymbol | typed.NodeSymbol] = [
         *program.plants.values(),

@@ -14,7 +14,7 @@ from soter.language.elaborate.explorable import check_explorable
 from soter.language.elaborate.flatten_system import flatten
 from soter.language.elaborate.passes.flattening import Flattening
 from soter.language.elaborate.passes.stated_values import give_steps_to_stand_ins
-from soter.language.elaborate.passes.topics import index_at
+from soter.language.elaborate.passes.topics import topic_index_at
 from soter.language.elaborate.timing_faults import overruns_of_takes, timing_faults
 from soter.language.elaborate.wellformed import check_periods
 from soter.language.model.system import TestPlan
@@ -58,7 +58,7 @@ def elaborate_test(
     give_steps_to_stand_ins(flat, test, system)
     sound = test not in flat.program.damaged and diagnostics.error_count == before_parts
     flat.partial = flat.partial or not sound
-    drawn = {index_at(flat, flat.parts[0], i.topic) for i in test.inputs}
+    drawn = {topic_index_at(flat, flat.parts[0], i.topic) for i in test.inputs}
     topics = system.topics  # those that nothing reads after replacements are not drawn
     system = derived_systems.with_draws(system, lambda t: t in drawn or bool(topics[t].driver))
     _check_unreplaced_periods(flat, system)
@@ -85,7 +85,7 @@ def _required_horizon_ns(flat: Flattening, test: typed.TestSymbol) -> int | None
 
 
 def _check_unreplaced_periods(flat: Flattening, system: System) -> None:
-    """Checks P1a, except for controllers that the test replaced."""
+    """Checks P1a for all controllers that the test did not replace."""
     replaced = {
         c.name
         for m in system.modules

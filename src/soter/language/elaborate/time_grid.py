@@ -53,11 +53,11 @@ MANY = 2
 
 
 class ClockTerms(NamedTuple):
-    """How often a clock adds or takes off times; no count is above `MANY` (`_limited_terms`).
+    """The counts of times that a clock adds and subtracts; each count is at most `MANY`.
 
-    `now`: the net count of the time of the step that computes the clock, below 0 where it is taken
-    off more often. `added`, `taken_off`: how often it adds and takes off any other time: that of an
-    earlier step, kept in a local, or of a measurement. So `age(t)` is (1, 0, 1).
+    `now`: how often it adds the time of the step that computes the clock, minus how often it
+    subtracts it. `added`, `taken_off`: how often it adds and subtracts other times: of an earlier
+    step, kept in a local, or of a measurement. So `age(t)` is (1, 0, 1).
     """
 
     now: int
@@ -70,13 +70,13 @@ CONSTANT = ClockTerms(0, 0, 0)
 
 @dataclass(frozen=True)
 class TimesRead:
-    """How the code and the properties of a test use time.
+    """The use of time in the code and the properties of a test.
 
-    `thresholds_ns`: times that clocks are compared with, rising; `open`: where a clock is used in
-    another way. `deadlines_ns`: those of properties, if there are thresholds; without thresholds a
-    deadline that can be missed is also missed with all steps as early or as late as they can be.
-    `together`: into how many parts the grid is cut so that strict comparisons can hold together;
-    `crowded`: where these comparisons are, if the parts are more than `FINEST`.
+    `thresholds_ns`: times with which clocks are compared, rising; `open`: places of other uses of
+    clocks. `deadlines_ns`: deadlines of properties, if thresholds exist; without thresholds, steps
+    at their earliest or latest times suffice to miss a deadline that can be missed. `together`:
+    into how many parts the grid is cut so that strict comparisons can hold together; `crowded`: the
+    places of these comparisons, if there are more than `FINEST` parts.
     """
 
     thresholds_ns: tuple[int, ...]
@@ -87,7 +87,7 @@ class TimesRead:
 
 
 def times_read(system: System) -> TimesRead:
-    """Gives how the components, decisions and properties of a test's system use time."""
+    """Gives the use of time in the components, decisions and properties of a test's system."""
     assert system.test is not None, f"{system.name} is no test"
     thresholds = _max_ages_read(system)
     opened: list[Span] = []
@@ -122,7 +122,7 @@ def _max_ages_read(system: System) -> set[int]:
 
 
 def _sorted_spans(spans: Iterable[Span]) -> tuple[Span, ...]:
-    """Gives the spans without duplicates, in the order of file name and place."""
+    """Gives the spans without duplicates, ordered by file name and place."""
     places = {(s.source.name, s.start, s.end): s for s in spans}
     return tuple([places[k] for k in sorted(places)])
 
@@ -154,7 +154,7 @@ def quantum_of(system: System, read: TimesRead | None = None) -> int:
 
 
 def _least_divisor(n: int, least: int) -> int:
-    """Gives the least number that divides n and is at least `least`; n where there is none."""
+    """Gives the least number that divides n and is at least `least`; n if no smaller one does."""
     divisors = [k for k in range(1, math.isqrt(n) + 1) if n % k == 0]
     return min((k for d in divisors for k in (d, n // d) if k >= least), default=n)
 
@@ -224,7 +224,7 @@ class _TimeReader:
         expressions: Iterable[typed.TypedExpr | None],
         bodies: Sequence[tuple[typed.TypedStmt, ...]],
     ) -> None:
-        """Reads the code repeatedly until no more locals are found to be clocks."""
+        """Reads the code repeatedly until it finds no more locals that are clocks."""
         every = [e for e in expressions if e is not None]
         for _ in range(PASSES):
             before = self._counts_of_known()
@@ -239,7 +239,7 @@ class _TimeReader:
         self.open += [e.span for e in every] or [s.span for body in bodies for s in body[:1]]
 
     def _counts_of_known(self) -> tuple[int, int, int]:
-        """Gives how many clocks, constants and terms of locals are known; counts only increase."""
+        """Gives the counts of known clocks, constants and terms of locals, which only increase."""
         offsets = sum(map(len, self.offsets.values()))
         return len(self.clocks), offsets, sum(map(len, self.terms.values()))
 
@@ -251,9 +251,9 @@ class _TimeReader:
 
     def _read_statement(self, s: typed.TypedStmt) -> None:
         if isinstance(s, typed.TypedDeclare):
-            self._put_into_local(s.variable, s.value)
+            self._note_assignment(s.variable, s.value)
         elif isinstance(s, typed.TypedAssign) and not s.place.path:
-            self._put_into_local(s.place.variable, s.value)
+            self._note_assignment(s.place.variable, s.value)
         elif isinstance(s, typed.TypedIf):
             for condition, body in s.arms:
                 self._read_as_value(condition)
@@ -267,7 +267,7 @@ class _TimeReader:
             for part in children(s):
                 self._read_within(part)
 
-    def _put_into_local(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
+    def _note_assignment(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
         if self._is_clock(value):
             self.clocks.add(variable)
             if variable in self.others:
@@ -303,12 +303,12 @@ class _TimeReader:
     # ------------------------------------------------------------ expressions
 
     def _read_as_value(self, e: typed.TypedExpr) -> None:
-        """Reads an expression whose value matters; notes it as open if it is a clock."""
+        """Reads an expression whose value is used; records it as open if it is a clock."""
         if self._is_clock(e):
             self.open.append(e.span)
 
     def _is_clock(self, e: typed.TypedExpr) -> bool:
-        """Whether `e` is a clock; also notes the clocks and thresholds in its parts."""
+        """Whether `e` is a clock; also records the clocks and thresholds in its parts."""
         if isinstance(e, typed.TimeRead):
             self.watched.now = True
             return True
@@ -323,19 +323,19 @@ class _TimeReader:
             self.watched.kept |= kept and e.variable.kind == "local"
             return kept
         if isinstance(e, typed.TypedBinary) and e.op in {"+", "-", *COMPARISONS}:
-            clocks = self._which_are_clocks(e, e.left, e.right)
+            clocks = self._clock_flags(e, e.left, e.right)
             return any(clocks) and self._note_comparison_or_sum(e, both=all(clocks))
         if isinstance(e, typed.Conditional):
             self._read_as_value(e.condition)
-            return any(self._which_are_clocks(e, e.then, e.otherwise))
+            return any(self._clock_flags(e, e.then, e.otherwise))
         for part in children(e):
             self._read_within(part)
         return False
 
-    def _which_are_clocks(
+    def _clock_flags(
         self, e: typed.TypedExpr, one: typed.TypedExpr, other: typed.TypedExpr
     ) -> list[bool]:
-        """Gives which of two parts are clocks; notes `e` as open for a clock beside no constant."""
+        """Gives which of two parts are clocks; adds `e` to `open` if a clock's partner may vary."""
         clocks = [self._is_clock(one), self._is_clock(other)]
         beside = other if clocks[0] else one
         if any(clocks) and not all(clocks) and self._constant_in_s(beside) is None:
@@ -343,7 +343,7 @@ class _TimeReader:
         return clocks
 
     def _note_comparison_or_sum(self, e: typed.TypedBinary, *, both: bool) -> bool:
-        """Notes thresholds of a sum, difference or comparison of clocks; False for the last one."""
+        """Records the thresholds of a sum or comparison of clocks; returns whether it is a sum."""
         self.watched.crossed |= both
         left, right = self._added_constants(e.left), self._added_constants(e.right)
         if e.op in COMPARISONS:
@@ -362,7 +362,7 @@ class _TimeReader:
             self.thresholds.add(round(abs(seconds) * 1e9))
 
     def _added_constants(self, e: typed.TypedExpr) -> set[float]:
-        """Gives the constants that `e` may add to a clock; or of a constant `e` its value, in s."""
+        """Gives the constants, in s, that `e` may add to a clock; for a constant `e`, its value."""
         if isinstance(e, typed.Conditional):
             return self._added_constants(e.then) | self._added_constants(e.otherwise)
         if isinstance(e, typed.VarRead):
@@ -377,7 +377,7 @@ class _TimeReader:
         return {self._constant_in_s(e) or 0.0}
 
     def _terms_of(self, e: typed.TypedExpr) -> set[ClockTerms]:
-        """Gives the terms that an expression may have, CONSTANT for one that is no clock."""
+        """Gives the terms that an expression may have; CONSTANT if it contains no clock."""
         if isinstance(e, typed.TimeRead):
             return {ClockTerms(now=1, added=0, taken_off=0)}
         if isinstance(e, typed.AgeRead):
@@ -399,7 +399,7 @@ class _TimeReader:
         return sums
 
     def _constant_in_s(self, e: typed.TypedExpr) -> float | None:
-        """Gives the value of a constant expression, durations in seconds; None for any other."""
+        """Gives the value of a constant expression, with durations in seconds; else None."""
         if isinstance(e, (typed.Literal, typed.ParamRead)):
             value = e.value if isinstance(e, typed.Literal) else self.scope.params.get(e.param)
             if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -430,17 +430,17 @@ class _TimeReader:
 
 
 def _quotient(e: typed.TypedBinary, left: float, right: float) -> float:
-    """Gives the quotient as the language computes it: for ints and nanoseconds without fraction."""
+    """Gives the quotient as the language computes it: ints and durations are truncated."""
     if isinstance(e.type, DurationType):
         return math.trunc(round(left * 1e9) / right) / 1e9
     return float(math.trunc(left / right)) if isinstance(e.type, IntType) else left / right
 
 
 def _limited_terms(now: int, added: int, taken_off: int) -> ClockTerms:
-    """Gives the terms with counts of at most `MANY`, so that few different terms exist."""
+    """Gives the terms with counts limited to `MANY`, so that few different terms exist."""
     return ClockTerms(max(-MANY, min(now, MANY)), min(added, MANY), min(taken_off, MANY))
 
 
 def _has_several_times(terms: ClockTerms) -> bool:
-    """Whether a clock adds more than one time, or takes more than one off."""
+    """Whether a clock adds more than one time, or subtracts more than one."""
     return terms.added + max(terms.now, 0) >= MANY or terms.taken_off + max(-terms.now, 0) >= MANY

@@ -26,7 +26,7 @@ _VERBS = {"late": "be late", "skip": "skip a step", "overrun": "overrun"}
 
 
 def overruns_of_takes(flat: Flattening, system: System) -> Iterator[TimingFault]:
-    """Yields an overrun, of every step, for each node that declares `takes`."""
+    """Yields an overrun fault of every step for each node that declares `takes`."""
     for c in system.components:
         if c.takes_ns is not None:
             assert c.node is not None
@@ -64,7 +64,7 @@ def timing_faults(
 def _components_of_fault(
     flat: Flattening, system: System, item: typed.FaultSymbol
 ) -> list[Component]:
-    """Gives the components that a path names; reports E009 if none can have such a fault."""
+    """Gives the components that a path names; reports E009 if such a fault is impossible there."""
     components = components_named(system, item.path)
     if not components:
         if not flat.partial:
@@ -116,7 +116,7 @@ def _refuse_overrun(
 def _require_no_queue(
     flat: Flattening, system: System, c: Component, span: Span, instead: str = ""
 ) -> None:
-    """Reports E010 if something queues a topic that a component publishes later."""
+    """Reports E010 if a topic that a component publishes with delay has a queue."""
     assert c.node is not None
     for symbol in c.node.publishes:
         topic = system.topics[c.scope.topics[symbol]]

@@ -44,9 +44,9 @@ Topics = frozenset[typed.TopicSymbol]
 
 
 def systems_by_view(flat: System, module: Module) -> list[tuple[System, Module]]:
-    """Gives system and module once for each view of the module; both unchanged if it has none.
+    """Gives (system, module) for each view of the module; the unchanged pair if it has no views.
 
-    Raises `SoterError` R023 if the views together do not cover the module.
+    Raises SoterError R023 if the views together do not cover the module.
     """
     symbol = module.symbol
     if not symbol.verify.views:
@@ -99,7 +99,7 @@ def _parts_that_read(parts: Iterable[typed.TypedExpr], topics: Topics) -> list[t
 
 
 def _require_usable_views(symbol: typed.ModuleSymbol) -> None:
-    """Raises R023 if views lack plants, predicates or parts, or `verify` has more than views."""
+    """Raises R023 if views lack plants, predicates or parts, or if `verify` has other items."""
     diagnostics, verify = Diagnostics(), symbol.verify
     *methods, last = VIEW_ITEMS
     if verify.groups or verify.abstracts or verify.core or verify.induction or verify.commands:
@@ -131,7 +131,7 @@ def _require_usable_views(symbol: typed.ModuleSymbol) -> None:
 
 
 def _require_covered_parts(symbol: typed.ModuleSymbol, diagnostics: Diagnostics) -> None:
-    """Reports R023 for every part of `safe` and `safer` that no view keeps."""
+    """Reports R023 for every part of `safe` and `safer` that no view contains."""
     every = [topics_of_view(view.block) for view in symbol.verify.views]
     for name, predicate in (("safe", symbol.safe), ("safer", symbol.safer)):
         for part in conjuncts(predicate) if predicate is not None else ():
@@ -149,7 +149,7 @@ def _require_covered_parts(symbol: typed.ModuleSymbol, diagnostics: Diagnostics)
 
 @dataclass(frozen=True)
 class Influence:
-    """A number in a topic of another part that moves a plant; `topic` and `leaf` are indices."""
+    """A number in another part's topic that moves a plant; `topic` and `leaf` are indices."""
 
     component: int
     topic: int
@@ -164,7 +164,7 @@ class Influence:
 
 
 def topics_of_others(c: Component, outputs: tuple[int, ...]) -> list[typed.TopicSymbol]:
-    """Gives the topics that the equations of a plant read and the module does not publish."""
+    """Gives the topics that the plant's equations read but the module does not publish."""
     assert c.plant is not None
     lets = (e for _, e in c.plant.lets)
     read = topic_reads(*lets, *c.plant.der.values(), *c.plant.next.values())
@@ -180,7 +180,7 @@ def can_be_drawn(system: System, topic: int) -> bool:
 
 
 def with_influences_drawn(system: System, module: Module) -> tuple[System, tuple[Influence, ...]]:
-    """Gives the system with disturbances for topics of others, where it can, and their leaves."""
+    """Gives the system in which drawn disturbances replace topics of others, and their leaves."""
     moved: list[Component] = []
     all_influences: list[Influence] = []
     for c in system.components:
@@ -194,7 +194,7 @@ def with_influences_drawn(system: System, module: Module) -> tuple[System, tuple
 def _with_drawn_topics(
     system: System, c: Component, outputs: tuple[int, ...]
 ) -> tuple[Component, tuple[Influence, ...]]:
-    """Gives plant `c` with disturbances for topics of others, and these topics' leaves."""
+    """Gives plant `c` with disturbances in place of topics of other parts, and their leaves."""
     topics = [t for t in topics_of_others(c, outputs) if can_be_drawn(system, c.scope.topics[t])]
     if not topics:
         return c, ()
@@ -220,12 +220,12 @@ Variables = dict[typed.TopicSymbol, tuple[typed.Variable, ...]]
 def _with_disturbances_for(
     plant: typed.PlantSymbol, topics: tuple[typed.TopicSymbol, ...]
 ) -> tuple[typed.PlantSymbol, Variables]:
-    """Gives the plant with disturbances for `topics`, and these; the result is cached."""
+    """Gives the plant with disturbances in place of `topics`, and these disturbances, cached."""
     made: Variables = {}
     for topic in topics:
         names = [".".join((topic.name, *path)) for path, _ in leaves(topic.type)]
         made[topic] = tuple(typed.Variable(n, FLOAT, "disturbance", topic.span) for n in names)
-    value_by_topic = {t: _value_of(t.type, iter(made[t]), t) for t in topics}
+    value_by_topic = {t: _value_of_variables(t.type, iter(made[t]), t) for t in topics}
 
     def replaced(e: typed.TypedExpr) -> typed.TypedExpr:
         return _with_topic_replaced(e, value_by_topic)
@@ -250,10 +250,12 @@ def _disturbance_symbols(made: Variables) -> Iterator[typed.DisturbanceSymbol]:
             yield typed.DisturbanceSymbol(v, zero, zero, None)  # the component has its range
 
 
-def _value_of(t: Type, left: Iterator[typed.Variable], topic: typed.TopicSymbol) -> typed.TypedExpr:
+def _value_of_variables(
+    t: Type, left: Iterator[typed.Variable], topic: typed.TopicSymbol
+) -> typed.TypedExpr:
     if isinstance(t, (RecordType, ArrayType)):
         return typed.Aggregate(
-            t, topic.span, tuple(_value_of(p, left, topic) for p in _part_types(t))
+            t, topic.span, tuple(_value_of_variables(p, left, topic) for p in _part_types(t))
         )
     return typed.VarRead(t, topic.span, next(left))
 
@@ -265,7 +267,7 @@ def _part_types(t: RecordType | ArrayType) -> list[Type]:
 def _with_topic_replaced(
     e: typed.TypedExpr, by: Mapping[typed.TopicSymbol, typed.TypedExpr]
 ) -> typed.TypedExpr:
-    """Gives the value in `by` for a read of a topic or of its field; else `e` unchanged."""
+    """Gives the value in `by` for a read of a topic or of its field; other `e` unchanged."""
     if isinstance(e, typed.TopicRead):
         return by.get(e.topic, e)
     if (
@@ -278,7 +280,7 @@ def _with_topic_replaced(
 
 
 def _is_made_of_variables(e: typed.TypedExpr) -> bool:
-    """Whether `e` has only variables, so that leaving out a part of it hides no step fault."""
+    """Whether `e` consists of variables only, so that omitting a part of it hides no step fault."""
     if isinstance(e, typed.Aggregate):
         return all(_is_made_of_variables(x) for x in e.elements)
     return isinstance(e, typed.VarRead)
@@ -287,7 +289,7 @@ def _is_made_of_variables(e: typed.TypedExpr) -> bool:
 def start_of_proof_plant(
     flat: System, module: Module, link: typed.AbstractionLink
 ) -> tuple[Value, ...] | None:
-    """Gives the values of the states of the proof's plant when the flying system starts.
+    """Gives the states of the plant of the proof at the start of the flying system.
 
     Topics have their defaults. None if there is no map, if a flying plant's state is drawn, or if
     the map reads ages, times or modes, which do not exist yet.

@@ -189,7 +189,7 @@ def check_external_topics(system: System, read: set[int], diagnostics: Diagnosti
 
 
 def _check_outgoing_topic(system: System, e: External, diagnostics: Diagnostics) -> None:
-    """Reports M024 for a topic that goes out and has `every`, `delayed` or `measured`."""
+    """Reports M024 for an outgoing topic with `every`, `delayed` or `measured`."""
     words_here = [
         word
         for word, is_declared in (
@@ -215,15 +215,15 @@ def _check_outgoing_topic(system: System, e: External, diagnostics: Diagnostics)
 
 
 def topics_from_outside(system: System) -> tuple[External, ...]:
-    """Gives the external topics of a system that something outside publishes."""
+    """Gives the external topics that the world outside the system publishes."""
     return tuple(e for e in system.externals if system.topics[e.topic].driver == "input")
 
 
 def allowed_lateness(system: System) -> dict[int, int]:
-    """Gives component -> by how many ns it may start late, as `verify` blocks declare.
+    """Gives component -> the ns by which it may start late, as `verify` blocks declare.
 
-    A DM or SC of a module that declares nothing may not be late; others are included if a block
-    names them. Of several blocks the strictest counts.
+    The DM and SC of a module without such a declaration may not be late; other components are
+    included if a block names them. Of several blocks the strictest counts.
     """
     lateness_by_component: dict[int, int] = {}
     for m in system.modules:
@@ -386,7 +386,7 @@ def _differences_in(who: str, pairs: Sequence[tuple[str, object, object]]) -> It
 
 
 def _differences_outside(here: System, model: System) -> Iterator[str]:
-    """Yields a difference for a topic from outside that no plant or input publishes there."""
+    """Yields a text for each topic from outside that no plant or input publishes in `model`."""
     proved = {t.name: t for t in model.topics}
     for e in topics_from_outside(here):
         name = here.topics[e.topic].name

@@ -4,8 +4,8 @@ Purpose: one place for the traps between Python and the machine: unbounded ints,
 floors, `math` functions that raise. The constant evaluator and the reference interpreter use
 nothing else for arithmetic that can differ; float `+ - *` and all comparisons are Python's own. For
 vectors (records and arrays of only floats) it builds functions that work on each component, so that
-nothing looks at types while a program runs. `require_plain` checks that this thread computes
-doubles by IEEE rules, and restores its settings: loading a library that was built with
+nothing looks at types while a program runs. `require_default_float_rules` checks that this thread
+computes doubles by IEEE rules, and restores its settings: loading a library that was built with
 `-ffast-math` is enough to make numbers below 2e-308 zero, and a violation may then go unnoticed.
 Non-goals: which operation an expression means (`expressions.py`), intervals (`verify/`), the
 settings of other threads and of a package (`runtime/soter_self_test.c`).
@@ -63,7 +63,7 @@ class FaultKind(IntEnum):
 
 
 class StepFault(Exception):  # noqa: N818  the paper's steps fault; "error" would suggest a bug
-    """A step of the program went wrong; the step has no effect.
+    """An error in a step of the program, which therefore has no effect.
 
     `detail` is for people (the text of an `assert`, the exception of an extern).
     """
@@ -79,39 +79,39 @@ class StepFault(Exception):  # noqa: N818  the paper's steps fault; "error" woul
 
 
 def require_int64(result: int, span: Span | None = None) -> int:
-    """Gives `result` if it fits 64 bits; StepFault, an overflow, otherwise."""
+    """Gives `result` if it fits 64 bits; raises StepFault (overflow) otherwise."""
     if INT_MIN <= result <= INT_MAX:
         return result
     raise StepFault(FaultKind.OVERFLOW, span)
 
 
 def add_int(a: int, b: int, span: Span | None = None) -> int:
-    """Gives `a + b`; StepFault, an overflow, beyond 64 bits."""
+    """Gives `a + b`; raises StepFault (overflow) if the sum does not fit 64 bits."""
     return require_int64(a + b, span)
 
 
 def sub_int(a: int, b: int, span: Span | None = None) -> int:
-    """Gives `a - b`; StepFault, an overflow, beyond 64 bits."""
+    """Gives `a - b`; raises StepFault (overflow) if the difference does not fit 64 bits."""
     return require_int64(a - b, span)
 
 
 def mul_int(a: int, b: int, span: Span | None = None) -> int:
-    """Gives `a * b`; StepFault, an overflow, beyond 64 bits."""
+    """Gives `a * b`; raises StepFault (overflow) if the product does not fit 64 bits."""
     return require_int64(a * b, span)
 
 
 def neg_int(a: int, span: Span | None = None) -> int:
-    """Gives `-a`; StepFault, an overflow, for the smallest int."""
+    """Gives `-a`; raises StepFault (overflow) for the smallest int."""
     return require_int64(-a, span)
 
 
 def abs_int(a: int, span: Span | None = None) -> int:
-    """Gives `|a|`; StepFault, an overflow, for the smallest int."""
+    """Gives `|a|`; raises StepFault (overflow) for the smallest int."""
     return require_int64(abs(a), span)
 
 
 def div_int(a: int, b: int, span: Span | None = None) -> int:
-    """Gives `a / b`, truncated towards zero; StepFault for b = 0, and the smallest int by -1."""
+    """Gives `a / b`, truncated; raises StepFault for b = 0 and for the smallest int by -1."""
     if b == 0:
         raise StepFault(FaultKind.DIVIDE, span)
     quotient = abs(a) // abs(b)
@@ -119,7 +119,7 @@ def div_int(a: int, b: int, span: Span | None = None) -> int:
 
 
 def mod_int(a: int, b: int, span: Span | None = None) -> int:
-    """Gives `a % b` with the sign of `a`, as in C; 0 for the smallest int by -1; StepFault on 0."""
+    """Gives `a % b` with the sign of `a`, as in C; raises StepFault for b = 0."""
     if b == 0:
         raise StepFault(FaultKind.DIVIDE, span)
     remainder = abs(a) % abs(b)
@@ -127,7 +127,7 @@ def mod_int(a: int, b: int, span: Span | None = None) -> int:
 
 
 def require_in_range(a: int, low: int, high: int, span: Span | None = None) -> int:
-    """Gives `a` if it lies in `[low, high]`; StepFault, an overflow, otherwise."""
+    """Gives `a` if it lies in `[low, high]`; raises StepFault (overflow) otherwise."""
     if low <= a <= high:
         return a
     raise StepFault(FaultKind.OVERFLOW, span)
@@ -137,14 +137,14 @@ def require_in_range(a: int, low: int, high: int, span: Span | None = None) -> i
 
 
 def div_float(a: float, b: float, span: Span | None = None) -> float:
-    """Gives `a / b`; StepFault for a zero divisor of either sign, whatever `a` is."""
+    """Gives `a / b`; raises StepFault if b is zero of either sign, whatever `a` is."""
     if b == 0.0:
         raise StepFault(FaultKind.DIVIDE, span)
     return a / b
 
 
 def sqrt(x: float) -> float:
-    """Gives the correctly rounded square root; NaN below zero; -0.0 gives -0.0."""
+    """Gives the correctly rounded square root; NaN for negative numbers, and -0.0 for -0.0."""
     return NAN if x < 0.0 else math.sqrt(x)
 
 
@@ -156,7 +156,7 @@ def floor(x: float) -> float:
 
 
 def int_of_float(x: float, span: Span | None = None) -> int:
-    """Gives a float truncated towards zero, as an int; StepFault for NaN and beyond 64 bits."""
+    """Gives `x` truncated towards zero, as an int; raises StepFault if it is NaN or too large."""
     if -_INT_BEYOND <= x < _INT_BEYOND:
         return int(x)
     raise StepFault(FaultKind.CONVERT, span)
@@ -168,7 +168,7 @@ def seconds(ns: int) -> float:
 
 
 def with_stored_nan(x: float) -> float:
-    """Gives `x`, or the NaN that is stored, `NAN`, for any NaN."""
+    """Gives `x`, but for any NaN the one value `NAN` that is stored."""
     return x if x == x else NAN  # noqa: PLR0124  only NaN differs from itself
 
 
@@ -176,12 +176,12 @@ def with_stored_nan(x: float) -> float:
 
 
 def minimum(a: Number, b: Number) -> Number:
-    """Gives `b < a ? b : a`: `a` if either is NaN."""
+    """Gives `b < a ? b : a`, which is `a` if either number is NaN."""
     return b if b < a else a  # noqa: FURB136  Python's min(a, b) leaves this order unsaid
 
 
 def maximum(a: Number, b: Number) -> Number:
-    """Gives `b > a ? b : a`: `a` if either is NaN."""
+    """Gives `b > a ? b : a`, which is `a` if either number is NaN."""
     return b if b > a else a  # noqa: FURB136  as above
 
 
@@ -221,13 +221,13 @@ def function_on_components(t: Type) -> Callable[[Unary, Value], Value]:
     return lambda op, a: tuple([m(op, x) for m, x in zip(parts, a, strict=True)])
 
 
-def function_to_leaves(t: Type) -> Callable[[Value], tuple[float, ...]]:
+def leaves_function(t: Type) -> Callable[[Value], tuple[float, ...]]:
     """Gives `value -> leaves` for values of type `t`, with the leaves in declared order."""
     if isinstance(t, FloatType):
         return lambda a: (a,)
     if _has_only_floats(t):
         return lambda a: a
-    parts = [function_to_leaves(c) for c in _component_types(t)]
+    parts = [leaves_function(c) for c in _component_types(t)]
     return lambda a: tuple([leaf for f, x in zip(parts, a, strict=True) for leaf in f(x)])
 
 
@@ -245,7 +245,7 @@ ENVIRONMENT_BYTES = 512
 """A buffer of this size holds the `fenv_t` of any C library."""
 
 
-def why_not_plain() -> str:
+def broken_float_rule() -> str:
     """Gives the default IEEE rule that this thread's floats break, in words; "" if none."""
     if ONE + HALF_STEP != ONE or ODD + HALF_STEP == ODD or -ONE - HALF_STEP != -ONE:
         return "sums are not rounded to the nearest double"
@@ -254,9 +254,9 @@ def why_not_plain() -> str:
     return ""
 
 
-def require_plain() -> None:
+def require_default_float_rules() -> None:
     """Raises SoterError X012 if this thread's floats do not follow the default IEEE rules."""
-    wrong = why_not_plain()
+    wrong = broken_float_rule()
     if wrong:
         raise SoterError(
             (
@@ -270,20 +270,20 @@ def require_plain() -> None:
         )
 
 
-def restore_plain() -> None:
+def restore_float_settings() -> None:
     """Restores the floating-point settings that held when this file was loaded."""
-    if _PLAIN is not None and why_not_plain():
+    if _PLAIN is not None and broken_float_rule():
         _PLAIN[0].fesetenv(_PLAIN[1])
 
 
-def _plain_settings() -> tuple[ctypes.CDLL, ctypes.Array[ctypes.c_char]] | None:
+def _default_float_settings() -> tuple[ctypes.CDLL, ctypes.Array[ctypes.c_char]] | None:
     """Gives the C library and its present float settings; None if they are not the default."""
     with suppress(OSError, AttributeError):
         library = ctypes.CDLL(None)
         kept = ctypes.create_string_buffer(ENVIRONMENT_BYTES)
-        if not why_not_plain() and library.fegetenv(kept) == 0 and library.fesetenv(kept) == 0:
+        if not broken_float_rule() and library.fegetenv(kept) == 0 and library.fesetenv(kept) == 0:
             return library, kept
     return None
 
 
-_PLAIN = _plain_settings()
+_PLAIN = _default_float_settings()

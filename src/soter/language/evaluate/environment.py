@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 
 class BudgetExceeded(Exception):  # noqa: N818  not an error: the limit was asked for
-    """A constant took more operations than the budget of the evaluator."""
+    """An error for a constant that takes more operations than the evaluator's budget."""
 
 
 def _refuse_choice(count: int) -> int:
-    """Raises RuntimeError, the default for `choose`: only steps of nodes and plants choose."""
+    """Raises RuntimeError; it is the default of `choose`, which only steps may use."""
     msg = f"nobody chooses between {count} alternatives here"
     raise RuntimeError(msg)
 
@@ -37,11 +37,11 @@ def _refuse_choice(count: int) -> int:
 class Environment:
     """The values that code can read, and the publications of a step.
 
-    `variables` maps variables, by identity, to values. `topics` and `stamps` go by topic index, as
-    they were when the step began. `mode(module index)`, `margin_ns(module index)` and
-    `truth(component index)` ask the configuration. `published` collects the published values by
-    topic index, for a burst the tuple of all messages. `choose(count)` answers a `choose`: it gives
-    pick, 0 <= pick < count. A constant that reads nothing needs no argument.
+    `variables` maps variables, by identity, to values. `topics` and `stamps` are indexed by topic,
+    and have the values from before the step. `mode(module index)`, `margin_ns(module index)` and
+    `truth(component index)` read the configuration. `published` collects the published values by
+    topic index, for a burst a tuple of all messages. `choose(count)` answers a `choose` with a
+    number from 0 to count - 1. A constant that reads nothing needs no argument.
     """
 
     __slots__ = (
@@ -95,7 +95,7 @@ def ages_after(ages: Sequence[int], pick: int) -> tuple[int, ...]:
 
 
 def allowed_picks(ages: Sequence[int]) -> list[int]:
-    """Gives the alternatives that may be taken now, ascending; there is always one."""
+    """Gives the alternatives that may be taken now, in ascending order; always at least one."""
     return [i for i in range(len(ages)) if _can_keep_deadlines(ages_after(ages, i), i)]
 
 

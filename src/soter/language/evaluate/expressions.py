@@ -72,7 +72,7 @@ SLICE = 250_000
 
 
 class ExpressionEvaluator(ABC):
-    """Compiles expressions of one scope; see `Evaluator` for the arguments."""
+    """Compiles expressions of one scope; `Evaluator` explains the arguments."""
 
     def __init__(
         self,
@@ -101,7 +101,7 @@ class ExpressionEvaluator(ABC):
         """Gives `(environment, arguments) -> value` for a function with a body."""
 
     def value(self, expr: t.TypedExpr, env: Environment | None = None) -> Value:
-        """Gives the value of an expression in `env`; `env` None: the expression reads nothing.
+        """Gives the value of an expression in `env`, which may be None if nothing is read.
 
         Raises `StepFault`, and `BudgetExceeded` also for calls nested deeper than Python's stack.
         """
@@ -112,7 +112,7 @@ class ExpressionEvaluator(ABC):
             raise BudgetExceeded from None
 
     def set_budget(self, operations: int) -> None:
-        """Sets how many operations each later `value` may take, for an evaluator with a budget."""
+        """Sets the most operations that each later call of `value` may take."""
         assert self._budget is not None
         self._budget = operations
 
@@ -133,10 +133,10 @@ class ExpressionEvaluator(ABC):
     def _spend(self, operations: int) -> None:
         self._left -= operations
         if self._left < 0:
-            self._take_slice()
+            self._refill_from_reserve()
 
-    def _take_slice(self) -> None:
-        """Takes operations from the budget's reserve; tells the progress. Raises BudgetExceeded."""
+    def _refill_from_reserve(self) -> None:
+        """Takes operations from the reserve; raises BudgetExceeded if too few are left."""
         if self.tell is not None and self.operations_spent > SLICE:
             self.tell(self.operations_spent)
         more = min(self._reserve, SLICE - self._left)
@@ -146,7 +146,7 @@ class ExpressionEvaluator(ABC):
             raise BudgetExceeded
 
     def _with_cost(self, operations: int, compiled: Compiled) -> Compiled:
-        """Gives a closure as `compiled`, each call of which spends operations of the budget."""
+        """Gives a closure like `compiled`, which also spends `operations` in each call."""
         if self._budget is None:
             return compiled
 
@@ -335,7 +335,7 @@ class ExpressionEvaluator(ABC):
         return lambda env: operation(first(env))
 
     def _compile_dot(self, name: str, of: Type, arguments: list[Compiled]) -> Compiled:
-        flat, first = arithmetic.function_to_leaves(of), arguments[0]
+        flat, first = arithmetic.leaves_function(of), arguments[0]
         if name == "norm":
 
             def norm_of_value(env: Environment) -> Value:
@@ -437,7 +437,7 @@ class ExpressionEvaluator(ABC):
 
 
 def _has_int_arithmetic(of: Type) -> bool:
-    """Whether the type is an int or a duration, whose arithmetic is on 64 bits."""
+    """Whether the type is an int or a duration, whose arithmetic has 64 bits."""
     return isinstance(of, (IntType, DurationType))
 
 
@@ -452,7 +452,7 @@ def _checked_binary_closure(
 
 
 def checked_index(index: int, sequence: tuple[Value, ...], span: Span) -> int:
-    """Gives `index` if `sequence` has it; StepFault, an index fault, otherwise."""
+    """Gives `index` if `sequence` has it; raises StepFault (an index fault) otherwise."""
     if 0 <= index < len(sequence):
         return index
     raise StepFault(FaultKind.INDEX, span)

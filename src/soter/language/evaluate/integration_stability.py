@@ -45,7 +45,7 @@ BOUNDED = {"sin": UNIT, "cos": UNIT, "tanh": (0.0, 1.0), "atan": (0.0, 1.0)}
 
 @dataclass(frozen=True)
 class Slope:
-    """A number in [low, high]; `by` maps a state to bounds of the derivative by it; absent: 0."""
+    """A number in [low, high]; `by` maps a state to bounds of the derivative, 0 if absent."""
 
     low: float
     high: float
@@ -62,7 +62,7 @@ Tree: TypeAlias = "Slope | tuple[Tree, ...]"
 
 
 class Slopes:
-    """Evaluates expressions to slopes; `variables`, `topic` and `param` give what they read."""
+    """Computes the slopes of expressions, from the slopes of variables and topics."""
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class Slopes:
         self.param = param
 
     def slopes_of(self, e: typed.TypedExpr) -> Tree:
-        """Gives the slopes of an expression, in the shape of its type."""
+        """Gives the slopes of an expression, in the structure of its type."""
         if isinstance(e, typed.Literal):
             return constant_tree(e.value)
         if isinstance(e, typed.ParamRead):
@@ -148,7 +148,7 @@ class Slopes:
         return unknown_tree(e.type, self._states_read(e))
 
     def _states_read(self, e: typed.TypedExpr) -> dict[int, Range]:
-        """Gives state -> any derivative, for the states that an expression may depend on."""
+        """Gives each state on which an expression may depend -> the range of all derivatives."""
         read = [n.variable for n in nodes([e]) if isinstance(n, typed.VarRead)]
         trees = (self.variables[v] for v in read if v in self.variables)
         return dict.fromkeys((k for t in trees for k in _states_in(t)), ANY)
@@ -161,7 +161,7 @@ def _states_in(t: Tree) -> set[int]:
 
 
 def constant_tree(value: Value) -> Tree:
-    """Gives the slopes of a constant, in the shape of its value; all derivatives are 0."""
+    """Gives the slopes of a constant, in the structure of its value; all derivatives are 0."""
     if isinstance(value, tuple):
         return tuple(constant_tree(v) for v in value)
     if isinstance(value, (int, float)):
@@ -175,7 +175,7 @@ def unknown_tree(t: Type, by: Mapping[int, Range]) -> Tree:
 
 
 def uniform_tree(t: Type, slope: Slope) -> Tree:
-    """Gives the tree of a value of type `t` whose numbers all have this slope."""
+    """Gives the tree for a value of type `t` in which all numbers have this slope."""
     if isinstance(t, RecordType):
         return tuple(uniform_tree(f, slope) for _, f in t.fields)
     return (uniform_tree(t.element, slope),) * t.size if isinstance(t, ArrayType) else slope
@@ -230,12 +230,12 @@ def hull(a: Range, b: Range) -> Range:
 
 
 def range_sum(a: Range, b: Range) -> Range:
-    """Gives the range of x + y, with x and y in these ranges."""
+    """Gives the range of x + y for all x in `a` and y in `b`."""
     return a[0] + b[0], a[1] + b[1]
 
 
 def range_product(a: Range, b: Range) -> Range:
-    """Gives the range of products of one number of each; 0 times anything is 0."""
+    """Gives the range of x * y for all x in `a` and y in `b`; 0 times anything is 0."""
     ends = [0.0 if 0.0 in (x, y) else x * y for x in a for y in b]
     return min(ends), max(ends)
 
@@ -254,7 +254,7 @@ Leaf = tuple["typed.Variable", tuple[int, ...]]
 
 @dataclass(frozen=True)
 class Diverging:
-    """A group of states that a scheme makes diverge, though their solution does not."""
+    """A group of states that the scheme makes diverge, though the exact solution does not."""
 
     names: tuple[str, ...]
     variable: typed.Variable
@@ -286,7 +286,9 @@ def groups_that_diverge(
     step = c.period_ns / 1e9 / c.substeps
     divergences = []
     for block in _circles_of_states(jacobian):
-        growths = [(_bad_growth(a, step, scheme.order), a) for a in _end_matrices(jacobian, block)]
+        growths = [
+            (_spurious_growth(a, step, scheme.order), a) for a in _end_matrices(jacobian, block)
+        ]
         known = [(growth, a) for growth, a in growths if growth is not None]
         if known and len(known) == len(growths):
             _, slowest = min(known, key=lambda pair: pair[0])
@@ -306,16 +308,22 @@ def _divergence(
     names = tuple(leaf_name(leaves[k][0].name, _path_of(*leaves[k])) for k in block)
     room = SPARE * step * substeps
     parts = next(
-        (n for n in _more_substeps(substeps) if _bad_growth(a, room / n, order) is None),
+        (
+            n
+            for n in _larger_substep_counts(substeps)
+            if _spurious_growth(a, room / n, order) is None
+        ),
         None,
     )
-    other = next((s.name for s in SCHEMES.values() if _bad_growth(a, step, s.order) is None), None)
-    growth = _bad_growth(a, step, order)
+    other = next(
+        (s.name for s in SCHEMES.values() if _spurious_growth(a, step, s.order) is None), None
+    )
+    growth = _spurious_growth(a, step, order)
     assert growth is not None
     return Diverging(names, leaves[block[0]][0], _spectral_radius(a), step, growth, parts, other)
 
 
-def _more_substeps(substeps: int) -> Iterator[int]:
+def _larger_substep_counts(substeps: int) -> Iterator[int]:
     n = substeps
     while n < PARTS_MAX * substeps:
         n = max(n + 1, n * 5 // 4)
@@ -326,7 +334,7 @@ def _more_substeps(substeps: int) -> Iterator[int]:
 
 
 def _float_places(t: Type) -> Iterator[tuple[int, ...]]:
-    """Yields the places of a type's floats, as indices of fields and elements."""
+    """Yields the paths of a type's floats, as tuples of indices of fields and elements."""
     if isinstance(t, RecordType):
         parts = [f for _, f in t.fields]
     elif isinstance(t, ArrayType):
@@ -391,7 +399,7 @@ def _jacobian(
 
 
 def _topic_tree(system: System, c: Component, symbol: typed.TopicSymbol) -> Tree:
-    """Gives the tree of a topic: its declared set if it is a float, else an unknown value."""
+    """Gives the tree of a topic: the declared set for a float with one, else an unknown value."""
     bounds = system.topics[c.scope.topics[symbol]].bounds
     if isinstance(symbol.type, FloatType) and bounds[0] is not None:
         return Slope(bounds[0].low, bounds[0].high)
@@ -402,7 +410,7 @@ def _topic_tree(system: System, c: Component, symbol: typed.TopicSymbol) -> Tree
 
 
 def _circles_of_states(jacobian: Sequence[Sequence[Range]]) -> list[list[int]]:
-    """Gives groups of states that depend on each other in a circle; each state is in one group."""
+    """Gives the groups of states that depend on each other; each state is in one group."""
     n = len(jacobian)
     reach = [{j for j in range(n) if jacobian[i][j] != (0.0, 0.0)} for i in range(n)]
     for k in range(n):
@@ -419,7 +427,7 @@ def _circles_of_states(jacobian: Sequence[Sequence[Range]]) -> list[list[int]]:
 
 
 def _end_matrices(jacobian: Sequence[Sequence[Range]], block: Sequence[int]) -> list[Matrix]:
-    """Gives the Jacobian of `block` if it is exact; for one state both bounds; else []."""
+    """Gives the Jacobian of `block` if it is exact, both bounds for a single state, else []."""
     ends = [jacobian[i][j] for i in block for j in block]
     n = len(block)
     if n > TOGETHER_MAX or not all(math.isfinite(x) for r in ends for x in r):
@@ -433,8 +441,8 @@ def _end_matrices(jacobian: Sequence[Sequence[Range]], block: Sequence[int]) -> 
 # ---------------------------------------------------------------- growth
 
 
-def _bad_growth(a: Matrix, step: float, order: int) -> float | None:
-    """Gives the factor by which a step grows if only the scheme diverges; else None."""
+def _spurious_growth(a: Matrix, step: float, order: int) -> float | None:
+    """Gives the growth factor per step if only the scheme diverges, not the solution; or None."""
     z = [[x * step for x in row] for row in a]
     scheme = _spectral_radius(_scheme_polynomial(z, order))
     parts = 2 ** max(0, math.ceil(math.log2(max(_matrix_norm(z), 1e-300))) + 4)
@@ -445,7 +453,7 @@ def _bad_growth(a: Matrix, step: float, order: int) -> float | None:
 
 
 def _scheme_polynomial(z: Matrix, order: int) -> Matrix:
-    """Gives the matrix 1 + z + ... + z^order / order!, by which a step multiplies the states."""
+    """Gives 1 + z + ... + z^order / order!, the matrix with which a step multiplies the states."""
     n = len(z)
     total = [[float(i == j) for j in range(n)] for i in range(n)]
     power = [row[:] for row in total]
@@ -469,7 +477,7 @@ def _matrix_norm(a: Matrix) -> float:
 
 
 def _spectral_radius(a: Matrix) -> float:
-    """Gives the spectral radius: |a^(2^k)|^(1/2^k), scaled at every squaring."""
+    """Gives the spectral radius, as |a^(2^k)|^(1/2^k), with scaling at every squaring."""
     scale = 0.0
     for k in range(SQUARINGS):
         size = _matrix_norm(a)

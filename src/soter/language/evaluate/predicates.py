@@ -55,7 +55,7 @@ COMPARISONS = frozenset(("<", "<=", ">", ">=", "==", "!="))
 
 
 def compared_operands(e: t.TypedExpr) -> tuple[t.TypedExpr, ...]:
-    """Gives the floats, or records and arrays of floats, that an expression itself compares."""
+    """Gives the floats, or records and arrays of floats, that `e` directly compares."""
     if isinstance(e, t.TypedBinary) and e.op in COMPARISONS:
         return (e.left, e.right) if isinstance(e.left.type, FloatType) else ()
     if isinstance(e, t.Builtin) and (
@@ -67,13 +67,13 @@ def compared_operands(e: t.TypedExpr) -> tuple[t.TypedExpr, ...]:
 
 @dataclass(eq=False, repr=False)
 class _Operand(t.TypedExpr):
-    """A compared operand; its evaluation is a StepFault if its value is NaN."""
+    """A compared operand, whose evaluation raises a StepFault if its value is NaN."""
 
     value: t.TypedExpr
 
 
 class PredicateEvaluator(Evaluator):
-    """Compiles `ttf` and `safer` of one scope; its arguments are those of `Evaluator`.
+    """Compiles `ttf` and `safer` of one scope; has the arguments of `Evaluator`.
 
     A closure raises `StepFault` of the kind `NONFINITE` if a NaN is compared.
     """
@@ -147,9 +147,9 @@ TIMES = Range(0.0, 1e10)
 
 
 def maybe_nan(system: System, module: Module, *more: t.TypedExpr) -> frozenset[t.TypedExpr]:
-    """Gives compared operands that may be NaN in `ttf`, `safer` and `progress`.
+    """Gives the compared operands in `ttf`, `safer` and `progress` that may be NaN.
 
-    It also looks at the expressions `more`. An operand of a called function counts in all calls.
+    It also looks at the expressions `more`. An operand in a called function counts in all calls.
     """
     symbol = module.symbol
     found: set[t.TypedExpr] = set()
@@ -171,7 +171,7 @@ def operands_compared_by(fun: t.FunSymbol) -> set[t.TypedExpr]:
 
 
 def operands_compared_in(*roots: object) -> set[t.TypedExpr]:
-    """Gives the operands compared in code and its callees, without literals and the prelude's."""
+    """Gives operands compared in code and its callees, without literals and prelude operands."""
     found: set[t.TypedExpr] = set()
     todo, seen = list(roots), set()
     while todo:
@@ -189,7 +189,7 @@ def _is_number_literal(e: t.TypedExpr) -> bool:
 
 
 class _NanFinder(RangeEvaluator):
-    """Evaluates code over ranges, and collects in `found` compared operands that may be NaN."""
+    """Evaluates code over ranges, and collects compared operands that may be NaN in `found`."""
 
     def __init__(self, system: System, module: Module) -> None:
         super().__init__(module.scope, module.period_ns, lambda place: _range_at(system, place))
@@ -199,7 +199,7 @@ class _NanFinder(RangeEvaluator):
         self.found: set[t.TypedExpr] = set()
 
     def evaluate(self, e: t.TypedExpr) -> Known:
-        """Gives the range as the base class does; notes `e` if it is compared and may be NaN."""
+        """Gives the range of `e`; adds `e` to `found` if it is compared and may be NaN."""
         known = super().evaluate(e)
         if e in self.compared and any(r.nan for r in self._leaves(known, e.type)):
             self.found.add(e)
@@ -275,7 +275,7 @@ class _NanFinder(RangeEvaluator):
         return True
 
     def _with_part(self, old: Known, of: Type, steps: list[Range], value: Known) -> Known:
-        """Gives `old` in which the part at one of the places `steps` may now be `value`."""
+        """Gives `old` with `value` as a possible value of the part at the places `steps`."""
         if not steps:
             return value
         (at, *rest), parts = steps, []
@@ -332,7 +332,7 @@ class _NanFinder(RangeEvaluator):
 
 
 def _range_at(system: System, place: ReadPlace) -> Range:
-    """Gives the range of the values that a place may have; a topic's are in its set."""
+    """Gives the range of the values that a place may have; topics keep to their sets."""
     if place.kind == "topic" and not has_list(system.topics[place.index].type):
         return range_in_set(system.topics[place.index], place)
     if place.kind in ("time", "age", "margin"):
@@ -344,7 +344,7 @@ def _range_at(system: System, place: ReadPlace) -> Range:
 
 
 def _finite_values(of: Type) -> Known:
-    """Gives all values of a type that a topic may hold; their numbers are finite."""
+    """Gives the range of all values of a topic of this type, whose numbers are finite."""
     if isinstance(of, FloatType):
         return Range(-MOST, MOST)
     if isinstance(of, RecordType) and of.scalars <= ELEMENTS:

@@ -47,12 +47,12 @@ COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
 
 
 class TooHardError(Exception):
-    """The evaluation takes more operations than the budget, or meets code that it cannot follow."""
+    """An error for code that takes too many operations to evaluate, or cannot be followed."""
 
 
 @dataclass(frozen=True)
 class ReadPlace:
-    """A place that code reads, as a topic, an age or a part; looked up when a number is needed."""
+    """A place that code reads, such as a topic, an age or a part; it is read when needed."""
 
     kind: str
     index: int
@@ -80,7 +80,7 @@ def all_values(of: Type) -> Known:
 
 
 def constant_range(of: Type, value: Value) -> Known:
-    """Gives a value as what is known of it: ranges of a single number each."""
+    """Gives the ranges of a constant, each with a single number."""
     if isinstance(of, (RecordType, ArrayType)):
         parts = [f for _, f in of.fields] if isinstance(of, RecordType) else [of.element] * of.size
         return tuple([constant_range(p, v) for p, v in zip(parts, value, strict=True)])
@@ -104,7 +104,7 @@ class RangeEvaluator:
         self._literals: dict[t.Literal, Known] = {}
 
     def evaluate(self, e: t.TypedExpr) -> Known:
-        """Gives the range of `e`; `faults` notes whether it may fault. Raises `TooHardError`."""
+        """Gives the range of `e`; records in `faults` if `e` may fault; may raise TooHardError."""
         self.left -= 1
         if self.left < 0:
             raise TooHardError
@@ -197,7 +197,7 @@ class RangeEvaluator:
         return (ranges.float_add if e.op == "+" else ranges.float_subtract)(a, b)
 
     def _range_of_logical(self, e: t.TypedBinary) -> Known:
-        """Gives the range of `&&` or `||`; the right side is not evaluated if the left decides."""
+        """Gives the range of `&&` or `||`; skips the right side if the left side decides."""
         decides = FALSE if e.op == "&&" else TRUE
         a = self.bounds(e.left)
         if a == decides:
@@ -332,7 +332,7 @@ class RangeEvaluator:
         return self._hull_of_all(map(self.evaluate, e.options), e.type)
 
     def _hull_of_all(self, parts: Iterable[Known], of: Type) -> Known:
-        """Gives a range that covers one or more values of one type."""
+        """Gives a range that covers all `parts`, of which there is at least one."""
         return reduce(lambda union, part: self._hull(union, part, of), parts)
 
     def _part_of(self, whole: Known, index: int, of: Type) -> Known:
@@ -365,7 +365,7 @@ class RangeEvaluator:
         return self._value_of_leaves(of, iter([do(a) for a in self._leaves(whole, of)]))
 
     def _hull(self, a: Known, b: Known, of: Type) -> Known:
-        """Gives a range that covers both `a` and `b`, of one type."""
+        """Gives a range that covers both `a` and `b`, which have the same type."""
         if a is b or a == b:
             return a
         if isinstance(of, (RecordType, ArrayType)):
@@ -386,7 +386,7 @@ class RangeEvaluator:
     def _run_body(
         self, body: tuple[t.TypedStmt, ...], returned: Known, of: Type
     ) -> tuple[Known, bool]:
-        """Gives the range of the returned values, with `returned`; and if the end is reachable."""
+        """Gives the range of returned values, including `returned`, and if the end is reachable."""
         for s in body:
             self.left -= 1
             if self.left < 0:
@@ -405,7 +405,7 @@ class RangeEvaluator:
         return returned, True
 
     def _run_plain(self, s: t.TypedStmt) -> bool:
-        """Runs a statement that contains no other; gives whether the next one is reachable."""
+        """Runs a statement that contains no other; returns whether the next one is reachable."""
         if isinstance(s, t.TypedDeclare):
             self.variables[s.variable] = self.evaluate(s.value)
         elif isinstance(s, t.TypedAssign):

@@ -28,9 +28,9 @@ TOTAL = {
 
 @dataclass(frozen=True)
 class Range:
-    """All numbers in [low, high]: floats, or ints (also for bools and enums); with `nan` NaN, too.
+    """All numbers from `low` to `high`, as floats or ints (bools and enums are ints).
 
-    Infinities are included if an end is one.
+    With `nan`, NaN is included. Infinities are included if an end is infinite.
     """
 
     low: float
@@ -43,12 +43,12 @@ class Range:
         return self.low == self.high and not self.nan
 
     def union(self, other: Range) -> Range:
-        """Gives the least range that holds both."""
+        """Gives the smallest range that contains both ranges."""
         low, high = min(self.low, other.low), max(self.high, other.high)
         return Range(low, high, self.nan or other.nan)
 
     def overlap(self, other: Range) -> Range:
-        """Gives the range of the numbers in both ranges; there must be such a number."""
+        """Gives the range of the numbers in both ranges, which must have a number in common."""
         low, high = max(self.low, other.low), min(self.high, other.high)
         return Range(low, high, self.nan and other.nan)
 
@@ -63,13 +63,13 @@ ANY_INT = Range(INT_MIN, INT_MAX)
 
 
 class Faults:
-    """Whether any operation so far may have faulted."""
+    """A record of whether any operation so far may have faulted."""
 
     def __init__(self) -> None:
         self.possible = False
 
     def note_fault_unless(self, fine: bool) -> None:
-        """Sets `possible` unless the operation is surely `fine`."""
+        """Sets `possible`, unless the operation is certainly `fine`."""
         self.possible |= not fine
 
 
@@ -84,7 +84,7 @@ def negated_truth(a: Range) -> Range:
 
 
 def range_of_prelude(name: str, arguments: list[Range]) -> Range:
-    """Gives the range of a function in TOTAL; it has NaN if an argument may be out of domain."""
+    """Gives the range of a function in TOTAL; includes NaN if an argument may be out of domain."""
     from soter.language.prelude.function_error_bounds import BOUNDS  # noqa: PLC0415 - rarely asked
 
     bound = BOUNDS[name]
@@ -100,7 +100,7 @@ def range_of_prelude(name: str, arguments: list[Range]) -> Range:
 
 
 def comparison_range(op: str, a: Range, b: Range, *, same: bool = False) -> Range:
-    """Gives the truth of `a op b`; `same`: both sides are one expression, equal unless NaN."""
+    """Gives the range of `a op b`; `same`: both sides are the same expression."""
     if op == "!=":
         return negated_truth(comparison_range("==", a, b, same=same))
     if op in {">", ">="}:
@@ -120,7 +120,7 @@ def comparison_range(op: str, a: Range, b: Range, *, same: bool = False) -> Rang
 
 
 def _range_of_monotone(op: Callable[[float, float], float], a: Range, b: Range) -> Range:
-    """Gives the range of a monotone operation's results on two ranges."""
+    """Gives the range of the results of a monotone operation on two ranges."""
     ends = [op(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
     if a.nan or b.nan or any(math.isnan(x) for x in ends):
         return ANY_FLOAT
@@ -133,7 +133,7 @@ def float_add(a: Range, b: Range) -> Range:
 
 
 def zero_difference(a: Range) -> Range:
-    """Gives the range of `a - a` of one expression: 0, or NaN if it may be infinite or NaN."""
+    """Gives the range of `x - x`, with x in `a`: 0, and NaN if x may be infinite or NaN."""
     return Range(0, 0, a.nan or math.isinf(a.low) or math.isinf(a.high))
 
 
@@ -156,7 +156,7 @@ def float_multiply(a: Range, b: Range, *, same: bool = False) -> Range:
 
 
 def float_divide(a: Range, b: Range, faults: Faults) -> Range:
-    """Gives the range of `a / b`; notes a fault if b may be zero."""
+    """Gives the range of `a / b`; records a possible fault if b may be zero."""
     faults.note_fault_unless(not b.holds(0.0) and not b.nan)
     endless = [math.isinf(x.low) or math.isinf(x.high) for x in (a, b)]
     if b.holds(0.0) or all(endless) or a.nan or b.nan:
@@ -193,13 +193,13 @@ def absolute_range(a: Range) -> Range:
 
 
 def int_range(low: int, high: int, faults: Faults) -> Range:
-    """Gives the range [low, high] limited to 64 bits; notes a fault if it lies partly outside."""
+    """Gives the range [low, high] limited to 64 bits; records a possible overflow."""
     faults.note_fault_unless(low >= INT_MIN and high <= INT_MAX)
     return Range(max(low, INT_MIN), max(min(high, INT_MAX), low, INT_MIN))
 
 
 def int_operation(op: str, a: Range, b: Range, faults: Faults) -> Range:
-    """Gives the range of `+`, `-`, `*`, `/` or `%` of ints, and notes possible faults."""
+    """Gives the range of `+`, `-`, `*`, `/` or `%` of ints, and records possible faults."""
     xs, ys = (int(a.low), int(a.high)), (int(b.low), int(b.high))
     if op in "+-*":
         of = {"+": int.__add__, "-": int.__sub__, "*": int.__mul__}[op]
@@ -226,13 +226,13 @@ def _quotient(a: int, b: int) -> int:
 
 
 def int_of_float(a: Range, faults: Faults) -> Range:
-    """Gives the range of `int(a)`; notes a fault if the int may not fit 64 bits."""
+    """Gives the range of `int(a)`; records a possible fault if the int may not fit 64 bits."""
     fits = not a.nan and a.low >= -(2.0**63) and a.high < 2.0**63
     faults.note_fault_unless(fits)
     return Range(int(a.low), int(a.high)) if fits else ANY_INT
 
 
 def range_in_type(a: Range, low: int, high: int, faults: Faults) -> Range:
-    """Gives the range of an int stored in [low, high]; notes a fault if it may not fit."""
+    """Gives the range of an int stored in [low, high]; records a fault if it may not fit."""
     faults.note_fault_unless(low <= a.low and a.high <= high)
     return Range(min(max(a.low, low), high), max(min(a.high, high), low))

@@ -41,11 +41,11 @@ __all__ = ["BudgetExceeded", "Environment", "Evaluator"]
 class Evaluator(ExpressionEvaluator):
     """Compiles typed trees of one scope into closures, each tree once.
 
-    `params`, `topics`, `plants` and `modules` say what names mean, as in `system.Scope`.
+    `params`, `topics`, `plants` and `modules` give the meanings of names, as in `system.Scope`.
     `externs` maps extern functions to Python callables, which take and give Python values
-    (`values.py`); a call of one that is not there faults, and `unbound` names it. With a
-    `budget`, `value` raises `BudgetExceeded` when a constant needs more operations than that
-    (statements, calls, loop rounds, and components moved).
+    (`values.py`); a call of a missing extern faults, and `unbound` contains it. With a `budget`,
+    `value` raises `BudgetExceeded` if a constant needs more operations (statements, calls, loop
+    rounds, and components moved).
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Evaluator(ExpressionEvaluator):
 
     @classmethod
     def for_scope(cls, scope: Scope, externs: Mapping[t.FunSymbol, Extern] | None = None) -> Self:
-        """Gives the evaluator for the code of one instance in a system."""
+        """Gives an evaluator for the code of one instance in a system."""
         return cls(
             scope.params,
             externs,
@@ -142,7 +142,7 @@ class Evaluator(ExpressionEvaluator):
         return self._with_cost(_components_copied_at_most(place) + capacity, push_value)
 
     def _path_reader(self, place: t.Place) -> Callable[[Environment], list[int]]:
-        """Gives `environment -> positions on a place's path`; a wrong index is a StepFault."""
+        """Gives `environment -> positions on a place's path`; raises StepFault for a bad index."""
         steps = [(p, None) if isinstance(p, int) else (0, self._compile(p)) for p in place.path]
         variable, span = place.variable, place.span
 
@@ -246,7 +246,7 @@ def _compile_store(variable: t.Variable, value: Compiled) -> Executed:
 
 
 def with_part(whole: Value, path: Sequence[int], new: Value) -> Value:
-    """Gives `whole` with `new` in place of the part at `path`, a path of positions."""
+    """Gives `whole` with `new` in place of the part at `path`, which consists of positions."""
     if not path:
         return new
     at, *rest = path
@@ -254,12 +254,12 @@ def with_part(whole: Value, path: Sequence[int], new: Value) -> Value:
 
 
 def _components_copied_at_most(place: t.Place) -> int:
-    """Gives how many components an assignment to the place copies at most."""
+    """Gives the greatest number of components that an assignment to the place copies."""
     return leaf_count(place.variable.type)
 
 
 def python_function(program: TypedProgram, fun: FunSymbol) -> Callable[..., Any]:
-    """Gives a Python callable for `fun`; all parameters of the program have their defaults."""
+    """Gives a Python callable for `fun`, with the default values of the program's parameters."""
     basic = Evaluator({})
     evaluator = Evaluator({p: basic.value(p.default) for p in program.params.values()})
     compiled = evaluator.closure_of(fun)

@@ -56,7 +56,7 @@ def reader_with_limits(
     ages_ns: Mapping[int, int | None],
     leaves_within: Mapping[tuple[int, int], tuple[float, float]] | None = None,
 ) -> Callable[[ReadPlace], Range]:
-    """Gives a reader as `reader_of_sets`, with greatest ages (None: no limit) and leaf ranges."""
+    """Gives a reader like `reader_of_sets`, but with greatest ages and with ranges of leaves."""
     otherwise, within = reader_of_sets(system), leaves_within or {}
 
     def range_at_place(place: ReadPlace) -> Range:
@@ -77,7 +77,7 @@ def reader_with_limits(
 
 
 def reader_of_sets(system: System) -> Callable[[ReadPlace], Range]:
-    """Gives a `read` for a `RangeEvaluator` by the declared sets; `TooHardError` for lists."""
+    """Gives a `read` for a `RangeEvaluator` from the declared sets; it may raise TooHardError."""
 
     def range_at_place(place: ReadPlace) -> Range:
         if place.kind == "topic" and not has_list(system.topics[place.index].type):
@@ -91,7 +91,7 @@ def reader_of_sets(system: System) -> Callable[[ReadPlace], Range]:
 
 
 def constant_truth(condition: TypedExpr, system: System, scope: Scope) -> bool | None:
-    """Gives the value that a condition always has if topics are in their sets; or None."""
+    """Gives the truth of a condition if it is constant while topics are in their sets; or None."""
     evaluator = RangeEvaluator(scope, 0, reader_of_sets(system))
     evaluator.left = BUDGET
     try:
@@ -109,8 +109,8 @@ def truth_by_parts(
 ) -> bool | None:
     """Gives the same as `constant_truth`, but cuts the read ranges at the condition's numbers.
 
-    So it recognizes comparisons that exclude each other, or of which one always holds. `read` is a
-    function as from `reader_with_limits`; None: the declared sets.
+    So it recognizes pairs of comparisons that exclude each other, or that cover all cases. `read`
+    is a function as from `reader_with_limits`; None: the declared sets.
     """
     read, cuts = read or reader_of_sets(system), _constants_in(condition, scope)
     found: bool | None = None
@@ -142,7 +142,7 @@ def truth_by_parts(
 
 
 def _constants_in(condition: TypedExpr, scope: Scope) -> list[float]:
-    """Gives the constants in a condition and its calls, with either sign, in rising order."""
+    """Gives the constants in a condition and its calls, with both signs, in rising order."""
     todo: list[object] = [condition]
     called, found = set(), set()
     while todo:
@@ -160,7 +160,7 @@ def _constants_in(condition: TypedExpr, scope: Scope) -> list[float]:
 
 
 def _cut_at(of: Range, cuts: Sequence[float]) -> list[Range]:
-    """Gives a range in pieces: each cut inside it as one number, and the ranges between cuts."""
+    """Gives the pieces of a range: each cut inside it as one number, and the ranges between."""
     whole = isinstance(of.low, int)
     if whole and of.high - of.low < CUTS_MAX:
         cuts = range(int(of.low), int(of.high) + 1)
@@ -185,7 +185,7 @@ def range_in_set(topic: Topic, place: ReadPlace) -> Range:
 
 
 def leaf_index(topic: Topic, path: tuple[int, ...]) -> int:
-    """Gives the index of a leaf in `Topic.bounds`; all elements of a list share one entry."""
+    """Gives the index of a leaf in `Topic.bounds`; all elements of a list share one index."""
     at, of = 0, topic.type
     for index in path:
         parts: Sequence[Type]
@@ -220,7 +220,7 @@ OPENED_MAX = 8
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit that a signal (`motion.x`, `c.x`) may not pass; `by` says which clause demands it."""
+    """A limit that a signal (`motion.x`, `c.x`) must not pass; `by` names the clause."""
 
     signal: str
     value: float
@@ -229,7 +229,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class _ScaledSignal:
-    """`scale * signal + offset`; with `folded` of `abs(signal)`."""
+    """The line `scale * signal + offset`; with `folded`, `abs(signal)` replaces the signal."""
 
     signal: str
     scale: float
@@ -238,7 +238,7 @@ class _ScaledSignal:
 
 
 def signal_limits(system: System) -> list[Limit]:
-    """Gives the limits of signals in each module's `safe` and each `always`, each once."""
+    """Gives the limits of signals in each module's `safe` and each `always`, without repetition."""
     demanded = [(m.scope, m.symbol.safe, f"safe of {m.name}") for m in system.modules]
     demanded += [(p.scope, p.condition, "always") for p in system.properties if p.kind == "always"]
     readers = (_LimitReader(system, scope).signal_limits(e, by) for scope, e, by in demanded)
@@ -246,7 +246,7 @@ def signal_limits(system: System) -> list[Limit]:
 
 
 class _LimitReader:
-    """Reads limits of signals off predicates of one scope."""
+    """Finds limits of signals in predicates of one scope."""
 
     def __init__(self, system: System, scope: Scope) -> None:
         self.system = system
@@ -254,9 +254,9 @@ class _LimitReader:
         self.evaluator = Evaluator.for_scope(scope)
 
     def signal_limits(self, predicate: typed.TypedExpr, by: str) -> Iterator[Limit]:
-        """Yields the limits of single signals in the conjuncts of a predicate; `by`: its name."""
-        for part in conjuncts(_inlined(predicate)):
-            opened = _inlined(part)
+        """Yields the limits of signals in the conjuncts of a predicate, which is called `by`."""
+        for part in conjuncts(_inlined_call(predicate)):
+            opened = _inlined_call(part)
             parts = conjuncts(opened) if opened is not part else [part]
             for each in parts:
                 if isinstance(each, typed.TypedBinary) and each.op in BELOW | ABOVE:
@@ -278,8 +278,8 @@ class _LimitReader:
             yield Limit(line.signal, value, by)
 
     def _line_of(self, e: typed.TypedExpr) -> _ScaledSignal | None:
-        """Gives a side of a comparison as a line over one signal or none; None if it is no line."""
-        e = _inlined(e)
+        """Gives an expression as a line over at most one signal; None if it is no line."""
+        e = _inlined_call(e)
         constant = self._constant_value(e)
         if constant is not None:
             return _ScaledSignal("", 0.0, constant)
@@ -327,7 +327,7 @@ class _LimitReader:
             return None
 
     def _signal_name(self, e: typed.TypedExpr) -> str | None:
-        """Gives the name of a leaf of a topic or of the truth of a plant, as reports call it."""
+        """Gives the name, for reports, of a leaf of a topic or of a plant's true state; or None."""
         path: list[str] = []
         while isinstance(e, (typed.TypedField, typed.Index)):
             if isinstance(e, typed.TypedField):
@@ -353,8 +353,8 @@ def _scaled_line(line: _ScaledSignal | None, by: float) -> _ScaledSignal | None:
     return _ScaledSignal(line.signal, line.scale * by, line.offset * by, line.folded)
 
 
-def _inlined(e: typed.TypedExpr) -> typed.TypedExpr:
-    """Gives what a call returns, if its function is only a `return`; `e` itself if not."""
+def _inlined_call(e: typed.TypedExpr) -> typed.TypedExpr:
+    """Gives the returned expression of a call whose function is a single `return`; else `e`."""
     for _ in range(OPENED_MAX):
         inner = returned(e) if isinstance(e, typed.TypedCall) else None
         if inner is None:

@@ -10,7 +10,7 @@ from soter.language.load.named_files import parse_json
 
 
 class DataError(Exception):
-    """The content of a data file is no value of the declared type; the text says why."""
+    """An error for a data file without a value of the declared type; the text says why."""
 
 
 IDENTIFIED = "$identified"
@@ -18,9 +18,9 @@ IDENTIFIED = "$identified"
 
 
 def held_out_episodes(raw: bytes) -> int | None:
-    """Gives how many held-out episodes a JSON data file rests on; None for other files.
+    """Gives the number of held-out episodes recorded in a JSON data file; None for other files.
 
-    Raises `DataError` if the file has the key `IDENTIFIED` and no number of them.
+    Raises `DataError` if the file has the key `IDENTIFIED` without such a number.
     """
     if f'"{IDENTIFIED}"'.encode() not in raw:
         return None

@@ -60,7 +60,7 @@ KINDS = {".json", ".csv", ".npy"}
 def read_data(path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
     """Gives the value of type `t` in the file and the file's bytes (for the program's hash).
 
-    `tell` is called again and again with a text about progress if that takes long. Raises
+    `tell` is called repeatedly with a text about progress if the reading takes long. Raises
     `ReadError` if the file cannot be read, `DataError` if its content is wrong.
     """
     suffix = path.suffix.lower()
@@ -86,17 +86,19 @@ def read_data(path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, 
 
 
 def _value_in(t: Type, document: object, tell: Callable[[int], None]) -> Value:
-    """Gives the value in a parsed document; it is a `Table` if `is_table` holds of the type."""
+    """Gives the value in a parsed document, as a `Table` if the type is one for tables."""
     if isinstance(document, Table):
         check_length(t, len(document), "")
         return document
     if not is_table(t) or not isinstance(document, list):
         return from_json(t, document)
     check_length(t, len(document), "")
-    return Table.of_values(t.element, _elements(t.element, document, tell))
+    return Table.of_values(t.element, _element_values(t.element, document, tell))
 
 
-def _elements(t: Type, documents: list[object], tell: Callable[[int], None]) -> Iterator[Value]:
+def _element_values(
+    t: Type, documents: list[object], tell: Callable[[int], None]
+) -> Iterator[Value]:
     for i, document in enumerate(documents):
         if i % TOLD_EVERY == 0:
             tell(i)
@@ -104,7 +106,7 @@ def _elements(t: Type, documents: list[object], tell: Callable[[int], None]) -> 
 
 
 def _nan_path(t: Type, value: Value, path: str) -> str | None:
-    """Gives the path of a NaN or an infinity in the value; None if there is none."""
+    """Gives the path of a NaN or an infinity in the value; None if it has neither."""
     if isinstance(t, FloatType):
         if math.isfinite(value):
             return None
@@ -152,7 +154,7 @@ def _csv_document(raw: bytes, t: Type) -> object:
 
 
 def _row_records(rows: list[list[str]], element: RecordType) -> list[dict[str, object]]:
-    """Gives a record for each row; the header names the columns, some of which may be unused."""
+    """Gives a record for each row; the header names the columns, not all of which are used."""
     if not rows:
         raise DataError("it is empty: a header line is expected")
     header = [h.strip() for h in rows[0]]
@@ -236,20 +238,20 @@ class SourceAccess:
     def text_of(
         self, path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
     ) -> str | None:
-        """Gives the text of a source file; None, with a diagnostic, if it cannot be read."""
+        """Gives the text of a source file; None, after a diagnostic, if it cannot be read."""
         return read_text(path, shown, diagnostics, span)
 
     def parse(self, shown: str, text: str, diagnostics: Diagnostics) -> tuple[Source, tree.File]:
-        """Gives the tree of a text, and the source that the tree's spans refer to."""
+        """Gives the tree of a text, and the source to which the tree's spans refer."""
         source = Source(shown, text)
         return source, parse(source, diagnostics)
 
     def data_value(self, path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
-        """Gives a data file's value and bytes; raises what `read_data` raises."""
+        """Gives a data file's value and bytes; raises the errors of `read_data`."""
         return read_data(path, t, tell)
 
     def known_constants(self, _: LoadedFile) -> dict[str, tuple[Value, int]]:
-        """Gives constant -> (value, operations it took), for an unchanged file.
+        """Gives constant -> (value, number of operations), for an unchanged file.
 
         The checker does not compute these again, and adds those that it computes.
         """
@@ -276,7 +278,7 @@ class LoadedFile:
 
 @dataclass(eq=False)
 class LoadedProgram:
-    """All files of a program; `digest` is not finished, so that data files can be added."""
+    """All files of a program; more data can still be added to `digest`."""
 
     main: LoadedFile
     files: list[LoadedFile]
@@ -307,7 +309,7 @@ class LoadedProgram:
 
     @property
     def contents(self) -> dict[Path, str]:
-        """Gives path -> SHA-256 of each file that was read; of a source: of its text as UTF-8."""
+        """Gives path -> SHA-256 of each file that was read; for a source, of its text in UTF-8."""
         texts = {f.path: f.source.text.encode("utf-8", "surrogatepass") for f in self.files}
         return {**{p: hashlib.sha256(raw).hexdigest() for p, raw in texts.items()}, **self.data}
 
@@ -315,7 +317,7 @@ class LoadedProgram:
 def read_text(
     path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
 ) -> str | None:
-    """Gives the text of a UTF-8 file; None after a diagnostic, D001 or D005."""
+    """Gives the text of a UTF-8 file; None after reporting D001 or D005."""
     if (name := utf8_text(shown)) != shown:
         why = "its name is not UTF-8, which everything that is written of it is"
         diagnostics.error("D005", f"cannot read `{name}`: {why}", span)
@@ -347,7 +349,7 @@ def read_text(
 
 
 def begins_as_program(text: str) -> bool:
-    """Whether a text begins as programs do; messages quote nothing of other files."""
+    """Whether a text begins as a program; messages do not quote other files."""
     begun = BEFORE.match(text)
     return begun is not None and text.startswith("soter", begun.end())
 
@@ -355,7 +357,7 @@ def begins_as_program(text: str) -> bool:
 def load(
     path: str, diagnostics: Diagnostics, text: str | None = None, reading: SourceAccess = FROM_DISK
 ) -> LoadedProgram | None:
-    """Loads the program in `path`, or `text`, and all imports; None if nothing was read."""
+    """Loads the program in `path`, or `text`, and all imports; None if nothing could be read."""
     main_path = Path(path)
     if text is None:
         text = reading.text_of(main_path, path, diagnostics)
@@ -377,7 +379,7 @@ def _prelude_paths() -> tuple[Path, ...]:
 
 @cache
 def _prelude_file(path: Path) -> LoadedFile:
-    """Gives a file of the prelude, parsed once for all programs of this process."""
+    """Gives a file of the prelude, which is parsed once for all programs of this process."""
     source = Source(f"<prelude>/{path.name}", path.read_text(encoding="utf-8"))
     problems = Diagnostics()
     parsed = parse(source, problems)
@@ -415,7 +417,7 @@ class _Loader:
         self.digest.update(data)
 
     def follow_imports(self, main: LoadedFile) -> None:
-        """Loads imports depth first, in written order, without recursion: chains may be long."""
+        """Loads imports depth first, in written order; without recursion, as chains may be long."""
         chain = {_resolved_path(main.path): main}
         waiting = [iter(main.file.imports)]
         while waiting:
@@ -446,7 +448,7 @@ class _Loader:
     def _load_import(
         self, importer: LoadedFile, imported: tree.ImportDecl, chain: dict[Path, LoadedFile]
     ) -> tuple[LoadedFile | None, bool]:
-        """Gives the imported file, None if it cannot be read; and whether to follow its imports."""
+        """Gives the imported file (None if unreadable), and whether to follow its imports."""
         path = importer.path.parent / imported.path
         resolved = _resolved_path(path)
         if resolved in chain:

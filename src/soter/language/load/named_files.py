@@ -30,7 +30,7 @@ NONBLOCK = getattr(os, "O_NONBLOCK", 0)
 
 
 class ReadError(OSError):
-    """A file cannot be read; the text says why; `missing`: it does not exist."""
+    """Reports why a file cannot be read. `missing` is true if the file does not exist."""
 
     def __init__(self, why: str, *, missing: bool = False) -> None:
         super().__init__(why)
@@ -38,10 +38,10 @@ class ReadError(OSError):
 
 
 def read_bytes(path: Path, limit: int = TEXT_MAX, *, special: bool = False) -> bytes:
-    """Gives the content of a file of at most `limit` bytes; raises `ReadError`.
+    """Gives the content of a file; raises ReadError if the file is longer than `limit` bytes.
 
-    Pipes and devices are only read if `special` allows them: an import of one could wait for ever.
-    A pipe without a writer is not waited for.
+    Pipes and devices are read only if `special` allows them, since reading them could wait for
+    ever. A pipe that nobody writes into is refused at once.
     """
     with open_finite_file(path, limit, pipes=special, devices=special) as file:
         try:
@@ -64,16 +64,16 @@ def _read_at_most(file: BinaryIO, most: int, size: int) -> bytes:
 
 
 def read_json_text(path: Path) -> str:
-    """Gives the text of a UTF-8 file of another command; raises ReadError or ValueError."""
+    """Gives the text of a UTF-8 file. Raises ReadError, or ValueError if it is not UTF-8."""
     return read_bytes(path, special=True).decode("utf-8")
 
 
 def open_finite_file(
     path: Path, limit: int = PIPE_MAX, *, pipes: bool = True, devices: bool = False
 ) -> BinaryIO:
-    """Opens a file that surely ends; of a pipe `limit` + 1 bytes at most. Raises ReadError."""
+    """Opens a file that surely ends; reads a pipe up to `limit` + 1 bytes. Raises ReadError."""
     try:
-        _require_kind(path.stat().st_mode, pipes=pipes, devices=devices)
+        _require_readable_kind(path.stat().st_mode, pipes=pipes, devices=devices)
         handle = os.open(path, os.O_RDONLY | NONBLOCK | getattr(os, "O_CLOEXEC", 0))
         if stat.S_ISFIFO(os.fstat(handle).st_mode):
             return io.BytesIO(_read_pipe(handle, limit + 1))
@@ -89,7 +89,7 @@ def open_finite_file(
     return os.fdopen(handle, "rb")
 
 
-def _require_kind(mode: int, *, pipes: bool, devices: bool) -> None:
+def _require_readable_kind(mode: int, *, pipes: bool, devices: bool) -> None:
     if stat.S_ISDIR(mode):
         raise ReadError("it is a folder")
     allowed = stat.S_ISREG(mode) or (stat.S_ISFIFO(mode) and pipes)
@@ -111,10 +111,10 @@ def _read_pipe(handle: int, most: int) -> bytes:
 
 
 def path_beside(path: Path, name: str) -> Path | None:
-    """Gives the path of file `name` in the folder of `path`, as `path` is written.
+    """Gives the path of the file `name` in the folder of `path`.
 
-    None if it leads out of that folder; but a link may lead into the folder of the file that `path`
-    itself is a link to.
+    None if the file lies outside of that folder. If `path` is a link, the file may also lie in the
+    folder of the link's target.
     """
     at = path.parent / name
     try:
@@ -126,7 +126,7 @@ def path_beside(path: Path, name: str) -> Path | None:
 
 
 def near_name_helps(path: Path) -> tuple[str, ...]:
-    """Gives help for a missing file: a similar name in its folder, or no such folder."""
+    """Gives help for a missing file: a similar name in its folder, or that the folder is absent."""
     try:
         with os.scandir(path.parent) as entries:
             names = sorted(entry.name for entry in entries if _is_file_entry(entry))
@@ -144,7 +144,7 @@ def _is_file_entry(entry: os.DirEntry[str]) -> bool:
 
 
 def parse_json(text: str | bytes) -> Any:  # noqa: ANN401  any JSON document
-    """Gives a JSON document; ValueError if it is wrong or repeats a name; RecursionError."""
+    """Parses JSON; raises ValueError if it is wrong or repeats a name, RecursionError if deep."""
     return json.loads(text, object_pairs_hook=_dict_of_unique_keys)
 
 
@@ -175,9 +175,9 @@ FORMS = {
 
 
 class BindingText(NamedTuple):
-    """The parts of a binding; `name` is the function in the file.
+    """The parts of the text of a binding: its kind, its file, and the function in the file.
 
-    For a policy `name` is its statistics file, or which outputs it remembers, or "".
+    For a policy, `name` is its statistics file, the outputs that it remembers, or "".
     """
 
     kind: str
@@ -186,12 +186,12 @@ class BindingText(NamedTuple):
 
     @property
     def is_policy(self) -> bool:
-        """Whether the extern is answered by a file of a learned policy."""
+        """Whether a file with a learned policy answers for the extern."""
         return self.kind in POLICIES
 
     @property
     def in_python(self) -> bool:
-        """Whether Python answers, which is so for every binding but linked C."""
+        """Whether Python answers for the extern. Only linked C does not."""
         return self.kind != "c"
 
     @property
@@ -207,7 +207,7 @@ class BindingText(NamedTuple):
 
     @property
     def remembered(self) -> str:
-        """Gives the pairs `input=output` by which an ONNX policy remembers outputs; "" if none."""
+        """Gives `input=output` pairs by which an ONNX policy gets outputs back; "" if none."""
         return ",".join(part for part in self.name.split(",") if part != CLIP)
 
     @property
@@ -237,6 +237,6 @@ def binding_of(text: str | None) -> BindingText | None:
 
 
 def is_answered_by_python(text: str | None) -> bool:
-    """Whether a text is a binding whose extern Python answers, which is any but linked C."""
+    """Whether a text is a binding by which Python answers: any binding but linked C."""
     binding = binding_of(text)
     return binding is not None and binding.in_python

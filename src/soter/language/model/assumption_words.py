@@ -64,10 +64,10 @@ WORDS = {
 
 
 def in_words(kind: str, *about: object) -> str:
-    """Gives the sentence of an assumption: that of `kind` in `WORDS`, `about` in its gaps."""
+    """Gives the sentence of an assumption: the text of `kind` in WORDS, filled in with `about`."""
     return WORDS[kind].format(*about)
 
 
 def numbered_assumptions(*lists: Iterable[str]) -> dict[str, str]:
-    """Gives text of an assumption -> number (A1, A2, ...), in the order of the lists."""
+    """Maps the text of each assumption to its number (A1, A2, ...), in the order of the lists."""
     return {text: f"A{k}" for k, text in enumerate(dict.fromkeys(chain(*lists)), 1)}

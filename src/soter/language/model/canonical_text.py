@@ -25,10 +25,10 @@ PLAIN = (bool, int, float, str, bytes, type(None))
 
 
 def canonical_text(record: object, instead: Callable[[object], object] = lambda part: part) -> str:
-    """Gives the text of a record with all of its parts, in declared order; sets are sorted.
+    """Gives the text of a record and all of its parts in declared order, with sorted sets.
 
-    A record that occurs again becomes a number, so that a circle of records ends. `instead` maps
-    each part to what is written in its place. TypeError for a part of an unknown type.
+    A record that occurs again is written as a number, so circular references end. `instead` maps
+    each part to the object that is written for it. Raises TypeError for a part of an unknown type.
     """
     numbers: dict[int, int] = {}
     kept: list[object] = []  # so that no number of an object is given to another one

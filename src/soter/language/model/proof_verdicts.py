@@ -14,7 +14,7 @@ NOT_FOR_SAFETY = frozenset({"P2b", "failsafe"})
 
 @dataclass(frozen=True)
 class Proof:
-    """The verdicts on a module; `verdicts`: property -> proved, assumed, undecided or refuted."""
+    """The verdict on each property of a module: proved, assumed, undecided or refuted."""
 
     verdicts: dict[str, str]
     assumptions: tuple[str, ...]

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def allowed_stamp_differences(system: System, topics: Iterable[int]) -> list[tuple[int, int, int]]:
-    """Gives (topic, topic, ns): pairs of these topics, and how far apart their stamps may be."""
+    """Gives (topic, topic, ns) for pairs of topics: the largest difference of their stamps."""
     limited = [i for i in topics if system.topics[i].max_age_ns is not None]
     instants = {
         index: (c.period_ns, c.phase_ns)
@@ -50,7 +50,7 @@ def allowed_stamp_differences(system: System, topics: Iterable[int]) -> list[tup
 
 
 def permits_on_close_reads(system: System, module: Module) -> typed.TypedExpr:
-    """Gives the condition `permits` of a shield, joined with: its reads are close in time."""
+    """Gives `permits` of a shield together with the demand that its reads are close in time."""
     assert module.shield is not None
     assert module.shield.permits is not None
     span, permits = module.symbol.span, module.shield.permits

@@ -37,15 +37,15 @@ class Bound:
 
     @property
     def float32_ends(self) -> tuple[float, float]:
-        """Gives both ends; for each the nearest float32 if that lies outside of the bounds.
+        """Gives both ends, each as the nearest float32 if that lies outside of the bounds.
 
-        A float32 so far beyond an end still counts as that end (docs/decisions.md, 257).
+        Such a float32 beyond an end still counts as that end (docs/decisions.md, 257).
         """
         return min(self.low, _to_float32(self.low)), max(self.high, _to_float32(self.high))
 
 
 def _to_float32(number: float) -> float:
-    """Gives the nearest float32; the number itself if it is too large for one."""
+    """Gives the nearest float32 number, or `number` itself if it is too large for a float32."""
     try:
         nearest: float = struct.unpack("<f", struct.pack("<f", number))[0]
     except OverflowError:
@@ -83,13 +83,13 @@ class Topic:
 
     @property
     def source(self) -> int:
-        """Gives the index of the topic; for a queue that of the topic that fills it."""
+        """Gives the topic's index, or for a queue the index of the topic that fills the queue."""
         return self.index if self.queue_of is None else self.queue_of
 
 
 @dataclass(eq=False)
 class Scope:
-    """What the names in a declaration mean in one instance of it."""
+    """The meaning of the names of a declaration in one instance of this declaration."""
 
     topics: dict[TopicSymbol, int]
     params: dict[ParamSymbol, Value]
@@ -99,10 +99,10 @@ class Scope:
 
 @dataclass(eq=False)
 class Disturbance:
-    """A disturbance of a plant instance with its numbers; `hold_ns` 0: drawn each step.
+    """A disturbance of a plant instance with its numbers; `hold_ns` 0 means a new draw each step.
 
-    Every leaf has the stream `<plant>.<disturbance>[.<leaf path>]`; the draw for a step that
-    ends at t has index (t - period) // hold (hold = period when 0).
+    Every leaf has the stream `<plant>.<disturbance>[.<leaf path>]`. The draw for a step that ends
+    at t has index (t - period) // hold, where hold is the period if `hold_ns` is 0.
     """
 
     variable: Variable
@@ -114,7 +114,7 @@ class Disturbance:
 
 @dataclass(eq=False)
 class Measurement:
-    """An error of at most `bound` on a leaf of a driven topic; index of its draw: t // period."""
+    """An error of at most `bound` on a leaf of a driven topic; its draw has index t // period."""
 
     topic: int
     leaf: int
@@ -124,12 +124,12 @@ class Measurement:
 
 @dataclass(frozen=True)
 class StandIn:
-    """The module or node whose place a component takes, as a test replaced it by its contract.
+    """The module or node that a component stands for in a test, which replaced it by its contract.
 
-    `of`: full name of the replaced module or node; `role`: that of the node in it whose place in
-    the deployed order it takes; `clauses`: what its publications satisfy; `left`: the clauses that
-    could not be used; `asked`: the conditions of the others; `tried`: the statements (`assumes`) by
-    which only some of the values that the contract allows are tried.
+    `of` is the full name of the replaced module or node, and `role` the role by which the component
+    is placed in the deployed order. The publications satisfy the conditions `asked` of `clauses`;
+    the clauses in `left` could not be used. `tried` has the `assumes` statements of the test: they
+    limit the values that are tried to some of those that the contract allows.
     """
 
     of: str
@@ -146,9 +146,9 @@ class StandIn:
 class Component:
     """A part of a system that is released periodically: a plant, a DM or a node.
 
-    `role`: "plant", "dm", "sc", "ac" or "node". Releases at phase + k * period, k >= 0.
-    `order` is the position in the deployed order within an instant (ruling 5): plants, then
-    DMs, then SCs, then the rest, ties by declaration.
+    `role` is "plant", "dm", "sc", "ac" or "node". Releases are at phase + k * period, k >= 0.
+    `order` is the position among the steps of one instant (ruling 5): first plants, then DMs, SCs,
+    and the rest; equals stay in declared order.
     """
 
     index: int
@@ -192,7 +192,7 @@ class Component:
 
     @property
     def in_thread(self) -> bool:
-        """Whether the component runs in the trusted part's thread: Soter code, or `inline`."""
+        """Whether the component runs in the trusted thread, as Soter code and `inline` nodes do."""
         return self.plant is None and (self.inline or not self.extern)
 
     @property
@@ -226,12 +226,12 @@ class Component:
 class Shield:
     """How a module judges the commands of its AC (docs/semantics.md, Shields).
 
-    `cells`: into how many each number of a command is cut; `topic`: the hidden topic with, for each
-    cell, until when (s) a command in it was held. `held`: that topic's next value after a
-    publication; `permits`: whether all commands that may act then may act until SC's first output
-    does; both None until they are computed. With `toward sc` the hidden topic `proposed` has the
-    numbers that AC last wanted to publish and then SC's, and `moved` is the array of the numbers
-    that AC publishes; 0 behind them where it was found out that those are not permitted, else 1.
+    Each number of a command is cut into `cells` cells. The hidden topic `topic` has the time (s)
+    until which a command in each cell was held; `held` is its next value after a publication.
+    `permits` is whether all commands that may act then may act until SC's first output does. Both
+    are None until computed. With `toward sc`, the hidden topic `proposed` has the numbers that AC
+    last wanted to publish, then those of SC. `moved` is the array of numbers that AC publishes,
+    followed by 0 if they were found to be forbidden, else 1.
     """
 
     cells: int
@@ -249,12 +249,12 @@ class Shield:
 
 @dataclass(eq=False)
 class Module:
-    """An RTA module instance; `dm`, `ac`, `sc` are component indices.
+    """An instance of an RTA module; `dm`, `ac` and `sc` are indices of components.
 
-    `forced`: None, "ac" or "sc": a forced module's DM runs and records its predicates but the
-    mode never changes (a system used as an experiment's control arm).
-    `inputs`: topics that ttf and safer read; with a max_age each read is checked for staleness.
-    `outputs`: gated topics.
+    `forced` is None, "ac" or "sc". The DM of a forced module runs and records its predicates, but
+    never changes the mode (the control arm of an experiment). `inputs` are the topics that ttf and
+    safer read; a read topic with a max_age is checked for staleness. `outputs` are the gated
+    topics.
     """
 
     index: int
@@ -306,17 +306,17 @@ class Module:
 
     @property
     def reads(self) -> tuple[int, ...]:
-        """Gives all topics that its DM reads: `inputs`, and the acknowledgement."""
+        """Gives all topics that the DM reads: `inputs` and the topic of the acknowledgement."""
         if self.acknowledgement is None or self.acknowledgement in self.inputs:
             return self.inputs
         return (*self.inputs, self.acknowledgement)
 
-    def looks_left(self, *, unsafe: bool, safer: bool) -> int:
-        """Gives for how many periods AC surely keeps control after a DM step; 0 if `unsafe`."""
+    def periods_left(self, *, unsafe: bool, safer: bool) -> int:
+        """Gives how many periods AC surely keeps control after a DM step; 0 if `unsafe`."""
         return 0 if unsafe else self.looks if safer else 1
 
     def margin_ns(self, looks: int, age_ns: int) -> int:
-        """Gives the ns left of `looks` periods, `age_ns` after the DM's step; 0 or more."""
+        """Gives the ns left of `looks` periods, `age_ns` after the DM's step; at least 0."""
         return max(looks * self.period_ns - self.late_ns - age_ns, 0)
 
 
@@ -339,10 +339,10 @@ class Property:
 
 @dataclass(eq=False)
 class InputDrive:
-    """A seeded environment input: drawn at every multiple of `every_ns`, before all else.
+    """A seeded input from the environment, drawn at every multiple of `every_ns`, before all else.
 
-    One stream `input.<topic>[.<leaf>]` a leaf, index = t // every. With `values` it is one of
-    them, from the stream `input.<topic>`.
+    Each leaf has a stream `input.<topic>[.<leaf>]` with index t // every. If `values` are set, one
+    of them is drawn from the stream `input.<topic>`.
     """
 
     topic: int
@@ -354,7 +354,7 @@ class InputDrive:
 class External:
     """A topic that something outside of the system publishes or reads.
 
-    The program may state for a publisher (else None): it publishes at least every `every_ns`, at
+    For a publisher the program may state (else None): it publishes at least every `every_ns`, at
     most `delay_ns` after it measured, and leaf k is wrong by at most `errors[k]`.
     """
 
@@ -367,9 +367,9 @@ class External:
 
 @dataclass(eq=False)
 class Metric:
-    """A number that campaigns report: it is measured at the end of instants `every_ns` apart.
+    """A number that campaigns report, measured at instants `every_ns` apart, at their end.
 
-    Its histogram has `bins` equal parts of [low, high], and two for what lies below and above.
+    Its histogram has `bins` equal parts of [low, high], and two more for values below and above.
     """
 
     name: str
@@ -384,9 +384,9 @@ class Metric:
 
 @dataclass(eq=False)
 class TimedProperty:
-    """A property that only a test has: "eventually", "leadsto" or "invariant" (docs/testing.md).
+    """A property that only tests have: "eventually", "leadsto" or "invariant" (docs/testing.md).
 
-    `module` is the module of an invariant; the other two have `condition` and `within_ns`.
+    `module` is the module of an "invariant"; the other kinds have `condition` and `within_ns`.
     """
 
     index: int
@@ -407,7 +407,7 @@ class TimedProperty:
 class TimingFault:
     """A node or DM that may be "late", "skip" or "overrun" (docs/testing.md).
 
-    `least_ns` > 0 of an overrun: no fault, a node that says how long its steps take.
+    An "overrun" with `least_ns` > 0 is no fault but the declared duration of a node's steps.
     """
 
     kind: str
@@ -422,16 +422,15 @@ class TimingFault:
 class Fault:
     """A fault that one component has in the runs of a system (docs/semantics.md, Faults).
 
-    `kind`: "late" or "skip" change its releases; "nan", "stuck", "silent", "saturated", "bias",
-    "noise", "scale" change leaves (indices) of a topic that it publishes, "scale" also one of its
-    disturbances. Time is cut into slots of `slot_ns` (0: every release is one), each of them faulty
-    with `probability`, drawn from `stream`. `amount`: for "late" times in ns, the quantiles of the
-    lateness between which each release is late; with slots the longest time for which the component
-    is held up. "wait": a release at the same time as one of the component `on` happens no earlier
-    than that one (`step_times.py`). "overrun": a step that begins while the
-    fault is active lasts `amount` ns longer (`Component.held`). `apart`: the fault is never in two
-    slots in a row. `inside`: the assumption that it does not break, or None; `text`: the fault as
-    it was written.
+    `kind`: "late" and "skip" change releases of the component. "nan", "stuck", "silent",
+    "saturated", "bias", "noise" and "scale" change leaves (by index) of a topic that it publishes;
+    "scale" may also change one of its disturbances. Time is cut into slots of `slot_ns` (0: every
+    release is a slot). Each slot is faulty with `probability`, drawn from `stream`. `amount` for
+    "late" has times in ns: quantiles between which the lateness of each release is drawn, or, with
+    slots, the longest delay. "wait": a release happens no earlier than a release of component `on`
+    at the same time (`step_times.py`). "overrun": a step that begins in a faulty slot lasts
+    `amount` ns longer (`Component.held`). `apart`: never two faulty slots in a row. `inside`: the
+    assumption that the fault keeps to, or None. `text`: the fault as written.
     """
 
     kind: str
@@ -456,9 +455,9 @@ class Fault:
 
 @dataclass(eq=False)
 class TestPlan:
-    """The declarations of a `test` block beside its system; `quantum_ns` as declared.
+    """The declarations of a `test` block besides its system; `quantum_ns` is as declared.
 
-    `ordered`: within an instant steps happen in the deployed order, inputs first.
+    `ordered`: the steps of one instant happen in the deployed order, inputs first.
     """
 
     name: str
@@ -475,7 +474,7 @@ class TestPlan:
 
 @dataclass(eq=False)
 class System:
-    """A flattened system."""
+    """A system whose nested systems, modules and loops are resolved into components and topics."""
 
     name: str
     program: TypedProgram
@@ -507,20 +506,20 @@ class System:
 
     @property
     def timed(self) -> bool:
-        """Whether a component declares what its steps need, or how late its release may be."""
+        """Whether a component declares the time of its steps, or how late its release may be."""
         return any(c.wcet_ns is not None or c.jitter_ns for c in self.components)
 
     def topic(self, name: str) -> Topic:
-        """Gives the topic with this full name; KeyError if there is none."""
+        """Gives the topic with this full name; raises KeyError if no topic has the name."""
         return {t.name: t for t in self.topics}[name]
 
     def component(self, name: str) -> Component:
-        """Gives the component with this full name; KeyError if there is none."""
+        """Gives the component with this full name; raises KeyError if no component has the name."""
         return {c.name: c for c in self.components}[name]
 
 
 def environment_topics(system: System) -> tuple[int, ...]:
-    """Gives indices of topics that only the environment sets: inputs, and what a driver draws."""
+    """Gives the indices of topics that only the environment sets: inputs, and drawn topics."""
     drawn = {d.topic for d in system.inputs}
     return tuple(
         [

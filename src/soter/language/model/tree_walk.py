@@ -41,7 +41,7 @@ PARTS_MAX = 16
 
 @cache
 def _names_of_part_fields(kind: type) -> tuple[str, ...]:
-    """Gives the names of a class's fields that may hold nodes below a node."""
+    """Gives the names of those fields of a class that may hold nodes of a syntax tree."""
     if issubclass(kind, typed.Literal):
         return ()  # a literal's value may be large, and is no code
     return tuple(n for n in getattr(kind, "__dataclass_fields__", {}) if n not in _SKIPPED)
@@ -77,9 +77,9 @@ def nodes(roots: Iterable[object]) -> Iterator[object]:
 
 
 def rewritten(node: Any, instead: Callable[[Any], Any]) -> Any:  # noqa: ANN401 - any part of a tree
-    """Gives code in which `instead` has replaced expressions, which have no effects.
+    """Gives the code with expressions replaced by `instead`; expressions have no side effects.
 
-    `instead` is called with each expression, parts before the whole, and gives it or another.
+    `instead` gets each expression after its parts, and gives this expression or another.
     """
     if isinstance(node, tuple):
         parts_ = tuple(rewritten(x, instead) for x in node)
@@ -99,7 +99,7 @@ def calls_in(*roots: object) -> list[typed.TypedCall]:
 
 
 def topic_reads(*roots: object) -> dict[typed.TopicSymbol, typed.TypedExpr]:
-    """Gives topic -> the first expression below `roots` that reads it."""
+    """Maps each topic read below `roots` to the first expression that reads it."""
     read_by_topic: dict[typed.TopicSymbol, typed.TypedExpr] = {}
     for node in nodes(roots):
         if isinstance(node, (typed.TopicRead, typed.AgeRead)):
@@ -108,7 +108,7 @@ def topic_reads(*roots: object) -> dict[typed.TopicSymbol, typed.TypedExpr]:
 
 
 def mode_reads(*roots: object) -> dict[typed.ModuleSymbol | str, typed.TypedExpr]:
-    """Gives module -> the first expression below `roots` that reads its mode or margin."""
+    """Maps each module to the first expression below `roots` that reads its mode or margin."""
     read_by_module: dict[typed.ModuleSymbol | str, typed.TypedExpr] = {}
     for node in nodes(roots):
         if isinstance(node, (typed.ModeRead, typed.MarginRead)):
@@ -135,7 +135,7 @@ def topics_mentioned(symbol: object) -> list[typed.TopicSymbol]:
 
 
 def topics_of_instances(system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
-    """Gives the topics that the instances of a system read or write, as wires rename them."""
+    """Gives the topics that a system's instances read or write, with the names that wires set."""
     topics: dict[typed.TopicSymbol, None] = {}
     for instance in system.instances:
         if isinstance(instance.what, typed.SystemSymbol):
@@ -163,7 +163,7 @@ def lets_that_choose(plant: typed.PlantSymbol) -> tuple[typed.Variable, ...]:
 
 
 def lets_run_first(plant: typed.PlantSymbol) -> tuple[tuple[typed.Variable, typed.TypedExpr], ...]:
-    """Gives the lets that a step evaluates first: all up to the last one that chooses."""
+    """Gives the lets that a step evaluates first: all up to the last one with a `choose`."""
     last = max((i for i, (_, e) in enumerate(plant.lets) if chooses(e)), default=-1)
     return plant.lets[: last + 1]
 
@@ -224,7 +224,7 @@ def cost_of(fun: typed.FunSymbol) -> typed.Cost:
 
 
 class _Counter:
-    """Counts costs; every function once, callees before callers."""
+    """Counts the cost of every function once: called functions before their callers."""
 
     def __init__(self, diagnostics: Diagnostics) -> None:
         self.diagnostics = diagnostics
@@ -233,7 +233,7 @@ class _Counter:
         self._is_reported = False
 
     def cost_of_node(self, node: typed.NodeSymbol) -> typed.Cost:
-        """Gives the cost of a step of a node, and of its takeover."""
+        """Gives the cost of a node's takeover and step together."""
         kept = [v.type for v in node.locals] + [t for _, t in node.answers]
         size = BYTES * sum(leaf_count(t) for t in kept)
         body = (*(node.takeover or ()), *node.step)
@@ -242,11 +242,11 @@ class _Counter:
         return cost
 
     def compare_cost_of_plant(self, plant: typed.PlantSymbol) -> None:
-        """Compares the cost of a plant's step with the limit."""
+        """Reports T007 if the cost of a plant's step exceeds the limit."""
         self.cost_of_all(plant_code(plant), f"`{plant.name}`", plant.span)
 
     def cost_of_module(self, module: typed.ModuleSymbol) -> typed.Cost:
-        """Gives the cost of a decision; also compares code for proofs alone with the limit."""
+        """Gives the cost of a decision; also checks the cost of code that only proofs use."""
         decided = [e for e in (module.ttf, module.safer) if e is not None]
         others = [e for e in module.expressions if e not in decided]
         blocks = (module.verify, *(v.block for v in module.verify.views))
@@ -266,7 +266,7 @@ class _Counter:
                 path.append((callee, iter(_callees(callee))))
                 continue
             path.pop()
-            size = BYTES * (leaf_count(fun.result) + _numbers_copied(fun.parameters))
+            size = BYTES * (leaf_count(fun.result) + _copied_number_count(fun.parameters))
             cost = self.cost_of_body(fun.body or (), f"`{fun.name}`", fun.span, size)
             self.costs[fun] = cost if fun.body is not None else typed.Cost(0, size, (fun.name,))
             if self._is_reported:
@@ -275,18 +275,18 @@ class _Counter:
     def cost_of_body(
         self, body: Sequence[typed.TypedStmt], owner: str, span: Span, size: int
     ) -> typed.Cost:
-        """Gives the cost of a body, whose other values have `size` bytes.
+        """Gives the cost of a body; `size` is the bytes of values that exist besides its variables.
 
-        A cost over the limit is reported once for a chain of calls and loops.
+        If a chain of calls and loops exceeds the limit, this is reported once.
         """
         called = dict.fromkeys(_callees_in(body))
         for fun in called:
             if fun not in self.costs:
                 self.count_function(fun)
         self._is_reported = any(f in self._over_limit for f in called)
-        operations = self._limited(self._block_cost(body), owner, span)
+        operations = self._count_within_limit(self._block_cost(body), owner, span)
         below = [self.costs[f] for f in called]
-        size += BYTES * sum(_numbers_declared(s) for s in nodes(body))
+        size += BYTES * sum(_declared_number_count(s) for s in nodes(body))
         externs = dict.fromkeys(name for c in below for name in c.externs)
         return typed.Cost(
             operations, size + max((c.bytes for c in below), default=0), tuple(externs)
@@ -296,7 +296,7 @@ class _Counter:
         """Gives the cost of evaluating all of the expressions."""
         return self.cost_of_body([typed.TypedReturn(e.span, e) for e in exprs], owner, span, 0)
 
-    def _limited(self, count: int, owner: str, span: Span) -> int:
+    def _count_within_limit(self, count: int, owner: str, span: Span) -> int:
         if count <= MAX_OPERATIONS or self._is_reported:
             return min(count, MAX_OPERATIONS)
         self._is_reported = True
@@ -328,16 +328,18 @@ class _Counter:
         return moved + sum(self._cost(e) for e in children(s))
 
     def _loop_cost(self, times: int, start: int, s: typed.ForRange | typed.ForEach) -> int:
-        return self._limited(times * (start + self._block_cost(s.body)), "this loop", s.span)
+        return self._count_within_limit(
+            times * (start + self._block_cost(s.body)), "this loop", s.span
+        )
 
     def _cost(self, e: object) -> int:
-        """Gives how many operations an expression takes, or the path of a place."""
+        """Gives the number of operations of an expression, or of the path of a place."""
         if isinstance(e, typed.Conditional):
             sides = (self._cost(e.then), self._cost(e.otherwise))
             return 1 + self._cost(e.condition) + max(sides)
         parts = sum(self._cost(p) for p in children(e))
         if isinstance(e, typed.TypedCall):
-            return parts + 1 + _numbers_copied(e.fun.parameters) + self.costs[e.fun].operations
+            return parts + 1 + _copied_number_count(e.fun.parameters) + self.costs[e.fun].operations
         if isinstance(e, typed.Builtin):
             return parts + max(leaf_count(a.type) for a in e.arguments)
         if isinstance(e, (typed.TypedUnary, typed.Vector, typed.Aggregate)):
@@ -353,11 +355,11 @@ def _callees(fun: typed.FunSymbol) -> list[typed.FunSymbol]:
     return _callees_in(fun.body or ())
 
 
-def _numbers_copied(parameters: Iterable[typed.Variable]) -> int:
+def _copied_number_count(parameters: Iterable[typed.Variable]) -> int:
     return sum(min(leaf_count(p.type), ARGUMENT) for p in parameters)
 
 
-def _numbers_declared(s: object) -> int:
+def _declared_number_count(s: object) -> int:
     if isinstance(s, (typed.TypedDeclare, typed.ForRange)):
         return leaf_count(s.variable.type)
     if isinstance(s, typed.ForEach):
@@ -378,13 +380,13 @@ def joined(op: str, parts: Sequence[typed.TypedExpr], span: Span) -> typed.Typed
 
 
 def conjuncts(predicate: typed.TypedExpr) -> list[typed.TypedExpr]:
-    """Gives the parts that `&&` joins to the predicate; itself alone if over `PARTS_MAX`."""
+    """Gives the parts of a predicate that `&&` joins; itself alone if over `PARTS_MAX` parts."""
     parts = _all_conjuncts(predicate)
     return parts if len(parts) <= PARTS_MAX else [predicate]
 
 
 def disjuncts(predicate: typed.TypedExpr) -> list[typed.TypedExpr]:
-    """Gives the parts that `||` joins to the predicate; `!(a && b)` has two: `!a` and `!b`."""
+    """Gives the parts of a predicate that `||` joins; those of `!(a && b)` are `!a` and `!b`."""
     inner = returned(predicate) if isinstance(predicate, typed.TypedCall) else None
     if inner is not None and len(parts := disjuncts(inner)) > 1:
         return parts
@@ -396,7 +398,7 @@ def disjuncts(predicate: typed.TypedExpr) -> list[typed.TypedExpr]:
 
 
 def premise_of(predicate: typed.TypedExpr) -> typed.TypedExpr | None:
-    """Gives the p of an implication `!p || q`, `q || !p` or `p ? q : true`; None for any other."""
+    """Gives p of an implication `!p || q`, `q || !p` or `p ? q : true`; None for others."""
     e = returned(predicate) if isinstance(predicate, typed.TypedCall) else predicate
     if isinstance(e, typed.Conditional) and isinstance(e.otherwise, typed.Literal):
         return e.condition if e.otherwise.value is True else None
@@ -419,7 +421,7 @@ def _all_conjuncts(e: typed.TypedExpr) -> list[typed.TypedExpr]:
 
 
 def returned(call: typed.TypedCall) -> typed.TypedExpr | None:
-    """Gives what a call returns, arguments put in, if its function is one `return`; or None."""
+    """Gives a call's value as an expression; None if the function is more than one `return`."""
     body = call.fun.body
     if body is None or len(body) != 1 or not isinstance(body[0], typed.TypedReturn):
         return None
@@ -438,9 +440,9 @@ def are_same_expression(a: typed.TypedExpr, b: typed.TypedExpr) -> bool:
 
 
 def _comparable_form(e: Any) -> object:  # noqa: ANN401 - any part of an expression
-    """Gives the structure of an expression without its place, to be compared.
+    """Gives an expression's structure without its place in the source, for comparisons.
 
-    The structure of a choice, or of an extern's answer, equals no other.
+    The structure of a choice, or of a call of an extern, equals no other structure.
     """
     if isinstance(e, typed.TypedChoose) or (isinstance(e, typed.TypedCall) and _may_differ(e.fun)):
         return object()
@@ -457,7 +459,7 @@ def _comparable_form(e: Any) -> object:  # noqa: ANN401 - any part of an express
 
 
 def _may_differ(fun: typed.FunSymbol) -> bool:
-    """Whether two calls with equal arguments may differ: by a choice, or an extern's memory."""
+    """Whether two calls with equal arguments may differ, by a `choose` or because of an extern."""
     todo, seen = [fun], {fun}
     while todo:
         body = todo.pop().body

@@ -36,10 +36,10 @@ CELLS_MAX = 64
 
 @dataclass(eq=False, repr=False)
 class Variable(Shown):
-    """A named local: compared by identity.
+    """A named local variable; two variables are equal only if they are the same object.
 
-    `kind`: "parameter" of a function, "let", "var", "loop" (all temporary), "local" (state of
-    a node, kept between steps), "state" or "disturbance" of a plant, "plantlet".
+    `kind`: "parameter" of a function, "let", "var", "loop" (all temporary), "local" (state of a
+    node, kept between steps), "state" or "disturbance" of a plant, "plantlet".
     """
 
     name: str
@@ -77,14 +77,14 @@ class ParamRead(TypedExpr):
 
 @dataclass(eq=False, repr=False)
 class VarRead(TypedExpr):
-    """A local, parameter, plant state, disturbance or plant let."""
+    """A read of a local, a parameter, a plant's state, a disturbance or a plant's let."""
 
     variable: Variable
 
 
 @dataclass(eq=False, repr=False)
 class TopicRead(TypedExpr):
-    """The value of a topic at the start of the step (for nodes: a subscribed one)."""
+    """A read of a topic's value at the start of the step; a node must subscribe to the topic."""
 
     topic: TopicSymbol
 
@@ -98,7 +98,7 @@ class TruthRead(TypedExpr):
 
 @dataclass(eq=False, repr=False)
 class ModeRead(TypedExpr):
-    """`mode(M)`: type MODE. In a system the instance path, elsewhere the module."""
+    """`mode(M)`: type MODE. `M` is an instance's path in a system, and elsewhere the module."""
 
     module: ModuleSymbol | str
 
@@ -127,7 +127,7 @@ class PeriodRead(TypedExpr):
 
 @dataclass(eq=False, repr=False)
 class AgeRead(TypedExpr):
-    """`age(topic)`: seconds since its last publication: float(ct - stamp) / 1e9."""
+    """`age(topic)`: seconds since the topic's last publication: float(ct - stamp) / 1e9."""
 
     topic: TopicSymbol
 
@@ -155,11 +155,11 @@ class TypedBinary(TypedExpr):
 
 @dataclass(eq=False, repr=False)
 class Vector(TypedExpr):
-    """An operation component by component, on one or two vectors.
+    """An operation on each component of one or two vectors.
 
     vector + vector, vector - vector, scalar * vector, vector * scalar, vector / scalar (faults on
-    zero). Operands are evaluated once, left first; each component is the machine operation in
-    that operand order.
+    zero). Operands are evaluated once, left first. The machine operation on each component has its
+    operands in the same order.
     """
 
     op: str
@@ -225,9 +225,9 @@ class TypedLength(TypedExpr):
 
 @dataclass(eq=False, repr=False)
 class Aggregate(TypedExpr):
-    """A record (values in field order, evaluated in written order), array or list literal.
+    """A literal of a record (values in field order, evaluated in written order), array or list.
 
-    `order` gives for each written position the field index; None means written = declared.
+    `order` gives the field index for each written position; None means the declared order.
     """
 
     elements: tuple[TypedExpr, ...]
@@ -236,11 +236,11 @@ class Aggregate(TypedExpr):
 
 @dataclass(eq=False, repr=False)
 class TypedChoose(TypedExpr):
-    """`choose ...` in a step: one of finitely many values; who runs the step picks.
+    """`choose ...` in a step: one of finitely many values, picked by whoever runs the step.
 
-    With `options` they are evaluated left to right and one of them is the value; without, the
-    value is number `low + k` (k-th bool, enum member or int), 0 <= k < `count`. `ages` is the
-    hidden local of a `fair` choice (array of `int in [0, 255]`, one per alternative), else None.
+    `options`, if any, are evaluated left to right, and one is the value. Otherwise the value is
+    number `low + k` (k-th bool, enum member or int), 0 <= k < `count`. `ages` is the hidden local
+    of a `fair` choice (array of `int in [0, 255]`, one per alternative), else None.
     """
 
     count: int
@@ -251,7 +251,7 @@ class TypedChoose(TypedExpr):
 
 @dataclass(eq=False, repr=False)
 class Narrow(TypedExpr):
-    """An int that becomes an `int in [a, b]`, the type of this node; a fault if it is outside."""
+    """An int narrowed to an `int in [a, b]`, the type of this node; a fault if outside of it."""
 
     operand: TypedExpr
 
@@ -276,7 +276,7 @@ class TypedDeclare(TypedStmt):
 
 @dataclass(eq=False, repr=False)
 class Place(Shown):
-    """A place to assign to: a variable, and a path of field indices (int) and index expressions."""
+    """The target of an assignment: a variable, field indices (int) and index expressions."""
 
     variable: Variable
     path: tuple[int | TypedExpr, ...]
@@ -304,7 +304,7 @@ class TypedPush(TypedStmt):
 class TypedPublish(TypedStmt):
     """`publish topic = value;`: takes effect when the step ends without a fault; the last wins.
 
-    With a `limit` a step may publish that many messages, kept in order; one more is a fault.
+    With a `limit`, a step may publish up to `limit` messages, kept in order; more are a fault.
     """
 
     topic: TopicSymbol
@@ -385,7 +385,7 @@ class ParamSymbol(Symbol):
 
 @dataclass(eq=False, repr=False)
 class FunSymbol(Symbol):
-    """A function; `body` is None when extern, then `source` may name its binding."""
+    """A function; an extern one has `body` None, and `source` may name its binding."""
 
     parameters: tuple[Variable, ...]
     result: Type
@@ -406,9 +406,9 @@ class RangeSet(Shown):
 
 @dataclass(eq=False, repr=False)
 class TopicSymbol(Symbol):
-    """A topic. `values` maps leaf paths (or prefixes of them, () for all) to bounds.
+    """A topic; `values` maps paths of leaves (or prefixes, () for all leaves) to bounds.
 
-    `static`: it describes a part of the world that never changes.
+    `static`: the topic describes a part of the world that never changes.
     """
 
     type: Type
@@ -421,7 +421,7 @@ class TopicSymbol(Symbol):
 
 @dataclass(eq=False, repr=False)
 class Subscribed(Shown):
-    """A subscription, with its queue if it asks for one."""
+    """A subscription to a topic, with a queue if the program asks for a queue."""
 
     topic: TopicSymbol
     queue: int | None
@@ -431,7 +431,7 @@ class Subscribed(Shown):
 
 @dataclass(eq=False, repr=False, kw_only=True)
 class NodeSymbol(Symbol):
-    """A node. `initial` gives, per local, its first value as an expression or None (default)."""
+    """A node; `initial` has each local's first value: an expression, or None for the default."""
 
     period: TypedExpr
     phase: TypedExpr | None
@@ -456,11 +456,11 @@ class NodeSymbol(Symbol):
 
     @property
     def answers(self) -> list[tuple[str, Type]]:
-        """Gives (short name, type) of each output of an extern node; a list type for a burst."""
+        """Gives (short name, type) of each output of an extern node; a burst has a list type."""
         return [(t.name.rpartition(".")[2], self.answer_type(t)) for t in self.publishes]
 
     def answer_type(self, topic: TopicSymbol) -> Type:
-        """Gives the type of what a step publishes on a topic: its own, or a list for a burst."""
+        """Gives the type of a step's publications on a topic: a list type if it may be a burst."""
         limit = self.bursts.get(topic)
         return topic.type if limit is None else ListType(topic.type, limit)
 
@@ -488,10 +488,9 @@ class NodeSymbol(Symbol):
 class TypedGridAxis(Shown):
     """One axis of a verification grid: a leaf of a topic, or of the state of a plant instance.
 
-    Exactly one of `topic` and `instance` is set; with `instance`, `path` begins with the name of
-    the state, and `plant` is what the instance is made of. `open`: one more cell from `high` up to
-    there, beyond which nothing is claimed. `unbounded`: one more cell at either end, without an
-    outer end.
+    Exactly one of `topic` and `instance` is set. With `instance`, `path` begins with a state's
+    name, and `plant` is the type of the instance. `open` adds a cell from `high` up to this value,
+    beyond which nothing is claimed. `unbounded` adds a cell at either end that has no outer end.
     """
 
     topic: TopicSymbol | None
@@ -565,7 +564,7 @@ class TypedVerifyBlock(Shown):
 
 @dataclass(eq=False, repr=False)
 class ViewSymbol(Shown):
-    """`view name { ... }`; `block` has the view's groups and abstractions, and the times of all."""
+    """`view name { ... }`; `block` has its groups and abstractions, and the times of all views."""
 
     name: str
     block: TypedVerifyBlock
@@ -594,7 +593,7 @@ class ClauseSymbol(Symbol):
 
 @dataclass(eq=False, repr=False)
 class Latch(Shown):
-    """`returns after topic;` (the operator's acknowledgement), or `returns never;`: no topic."""
+    """`returns after topic;` (the topic of the acknowledgement), or `returns never;` (no topic)."""
 
     topic: TopicSymbol | None
     span: Span
@@ -625,9 +624,9 @@ class RestSymbol(Shown):
 class ModuleSymbol(Symbol):
     """An `rta` module: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
 
-    `ttf` and `safer` may be None: then they are computed (`verify/deploy/missing_predicates.py`)
-    before a run or a build; where that fails AC never gets control. `clean` is the number of clean
-    outputs AC needs after a fault.
+    `ttf` and `safer` may be None. They are then computed before a run or a build
+    (`verify/deploy/missing_predicates.py`); if this fails, AC never gets control. `clean` is the
+    number of clean outputs that AC needs after a fault.
     """
 
     ac: NodeSymbol
@@ -677,7 +676,7 @@ class ModuleSymbol(Symbol):
 
     @property
     def acknowledgements(self) -> tuple[TopicSymbol, ...]:
-        """Gives the topic whose press releases the module's latch, as (topic,); else ()."""
+        """Gives (topic,): the topic whose press releases the module's latch; () without one."""
         topic = None if self.latch is None else self.latch.topic
         return () if topic is None else (topic,)
 
@@ -688,19 +687,19 @@ class ModuleSymbol(Symbol):
 
     @property
     def stay_clause(self) -> str:
-        """Gives the clause by which SC may keep control for ever; "" without one."""
+        """Gives the clause by which SC may keep control for ever; "" if the module has none."""
         if self.latch is not None and self.latch.topic is None:
             return "returns never"
         return "recover never" if self.verify.stays is not None else ""
 
     @property
     def synthesized(self) -> bool:
-        """Whether SC is still to be found: `sc synthesized period d;`."""
+        """Whether `sc synthesized period d;` leaves SC to be found by the prover."""
         return self.sc.name == SYNTHESIZED
 
     @property
     def predicates(self) -> tuple[TypedExpr, ...]:
-        """Gives those of `safe`, `ttf`, `safer` and the hint `core` that the module has."""
+        """Gives the predicates that the module has, out of `safe`, `ttf`, `safer` and `core`."""
         predicates = (self.safe, self.ttf, self.safer, self.verify.core)
         return tuple(e for e in predicates if e is not None)
 
@@ -740,11 +739,11 @@ class DisturbanceSymbol(Shown):
 
 @dataclass(eq=False, repr=False, kw_only=True)
 class PlantSymbol(Symbol):
-    """A plant. Each state has exactly one of der / next, or neither (constant), unless extern.
+    """A plant; each state has `der`, `next` or neither (a constant), unless the plant is extern.
 
-    One step at time t: draws the disturbances, evaluates lets, integrates every `der` state
-    over the period (all together), evaluates every `next` from the OLD state, stores; then
-    evaluates lets anew and publishes every driven topic, measurement errors added.
+    One step at time t draws the disturbances, evaluates the lets, integrates all `der` states
+    together over the period, and evaluates every `next` from the OLD state. It then stores the
+    states, evaluates the lets anew and publishes all driven topics with their measurement errors.
     """
 
     period: TypedExpr
@@ -769,7 +768,7 @@ class PlantSymbol(Symbol):
 
 @dataclass(eq=False, repr=False)
 class InstanceSymbol(Shown):
-    """`name: What { topic = other };` of a system."""
+    """`name: What { topic = other };`: an instance in a system."""
 
     name: str
     what: PlantSymbol | NodeSymbol | ModuleSymbol | SystemSymbol
@@ -781,12 +780,11 @@ class InstanceSymbol(Shown):
 
 @dataclass(eq=False, repr=False)
 class PropertySymbol(Shown):
-    """A property of a system or test: kind always, never, eventually, leadsto or invariant.
+    """A property of a system or test, of kind always, never, eventually, leadsto or invariant.
 
-    "invariant" (tests only) has no expressions: `module` is the path of its instance, None for
-    `invariants` (all modules). `whole`, `text` and `asks` are the property, its condition and its
-    premise as text for people, with the variables of a loop filled in, which its place in the
-    program does not show.
+    "invariant" (tests only) has no expressions: `module` is the path of the module's instance, None
+    for `invariants` (all modules). For people, `whole`, `text` and `asks` are the texts of the
+    property, of its condition and of its premise, with the values of loop variables filled in.
     """
 
     kind: str
@@ -804,7 +802,7 @@ class PropertySymbol(Shown):
 class FaultSymbol(Shown):
     """A timing fault of a test: `late N by d;`, `skip N at most k;`, `overrun N by d;`.
 
-    `path`: the component as the system names it; exactly one of `by` and `at_most` is set.
+    `path` is the component's name in the system; exactly one of `by` and `at_most` is set.
     """
 
     kind: str
@@ -816,7 +814,7 @@ class FaultSymbol(Shown):
 
 @dataclass(eq=False, repr=False)
 class SystemFaultSymbol(Shown):
-    """An item of `faults { ... }`; `path` is "" for an order. `text`: as it is written."""
+    """An item of `faults { ... }`; `path` is "" for an order, and `text` is the item as written."""
 
     kind: str
     path: str
@@ -843,7 +841,7 @@ class MeasureSymbol(Shown):
 
 @dataclass(eq=False, repr=False)
 class InputSymbol(Shown):
-    """`input topic [in { values }] every d;`: without values the whole set of the topic."""
+    """`input topic [in { values }] every d;`: without `values`, draws from the topic's set."""
 
     path: str
     topic: TopicSymbol
@@ -856,7 +854,7 @@ class InputSymbol(Shown):
 class StatedSymbol(Shown):
     """`guarantees t.x in { values };` or `assumes ...` of a test, for a publisher's stand-in.
 
-    `read` is `t.x`: a read of a topic, or of a field of one; `text` is all of it, as it is written.
+    `read` is `t.x`, a read of a topic or of a field of a topic; `text` is the statement as written.
     """
 
     kind: str
@@ -868,7 +866,7 @@ class StatedSymbol(Shown):
 
 @dataclass(eq=False, repr=False)
 class ExternalSymbol(Shown):
-    """`external topic t ...;`: `every` and `delayed` are durations; None where not said."""
+    """`external topic t ...;`; `every` and `delayed` are durations, or None if not declared."""
 
     topic: TopicSymbol
     every: TypedExpr | None
@@ -879,7 +877,7 @@ class ExternalSymbol(Shown):
 
 @dataclass(eq=False, repr=False)
 class SetSymbol(Shown):
-    """`set K = 3;` for the instance `path` of the system, or for all of it if `path` is ""."""
+    """`set K = 3;` for the instance `path` of the system; `path` "" means all of the system."""
 
     path: str
     param: ParamSymbol
@@ -889,12 +887,12 @@ class SetSymbol(Shown):
 
 @dataclass(eq=False, repr=False)
 class ByContract(Symbol):
-    """The replacement in `replace M by contract;`, where others name a node or a plant."""
+    """The word `contract` in `replace M by contract;`, in the place of a node or a plant."""
 
 
 @dataclass(eq=False, repr=False)
 class SystemSymbol(Symbol):
-    """A system: instances, properties and overrides."""
+    """A system: its instances, properties and changed parameters."""
 
     default: bool
     instances: tuple[InstanceSymbol, ...]
@@ -914,13 +912,13 @@ class SystemSymbol(Symbol):
 
     @cached_property
     def by_name(self) -> dict[str, InstanceSymbol]:
-        """Gives name of an instance -> the instance."""
+        """Maps the name of each instance to the instance."""
         return {i.name: i for i in self.instances}
 
 
 @dataclass(eq=False, repr=False)
 class TestSymbol(Symbol):
-    """A `test` block; executed by `soter test`. `order`: where it declares the deployed order."""
+    """A `test` block for `soter test`; `order`: the place where it demands the deployed order."""
 
     system: SystemSymbol
     replaces: tuple[tuple[str, NodeSymbol | PlantSymbol | ByContract, Span], ...]
@@ -936,7 +934,7 @@ class TestSymbol(Symbol):
 
 
 class Cost(NamedTuple):
-    """What one execution takes at most, as counted by `language/model/tree_walk.py`."""
+    """The cost of one execution at most, as counted by `language/model/tree_walk.py`."""
 
     operations: int
     bytes: int
@@ -985,7 +983,7 @@ class TypedProgram(Shown):
         return tuple([name for table in tables for name, s in table.items() if s.extern])
 
     def param(self, name: str) -> ParamSymbol | None:
-        """Gives the parameter that a name means, `GAIN` or an instance's `r[0].GAIN`; or None."""
+        """Gives the parameter of a name such as `GAIN` or `r[0].GAIN` of an instance; else None."""
         while name not in self.params and "." in name:
             name = name.partition(".")[2]
         return self.params.get(name)

@@ -34,12 +34,12 @@ Value = Any
 
 @dataclass(frozen=True, slots=True)
 class Type:
-    """A type of Soter; base class of all."""
+    """The base class of all types of Soter."""
 
 
 @dataclass(frozen=True, slots=True)
 class BoolType(Type):
-    """`bool`."""
+    """The type `bool`."""
 
     def __str__(self) -> str:
         return "bool"
@@ -49,7 +49,7 @@ class BoolType(Type):
 class IntType(Type):
     """`int` or `int in [low, high]`, stored in as few bytes as fit; arithmetic has 64 bits.
 
-    `unit`: what the number counts, for people; types that differ only in it are the same.
+    `unit` tells people the unit of the number; types that differ only in `unit` are the same type.
     """
 
     low: int = INT_MIN
@@ -77,7 +77,7 @@ class FloatType(Type):
 
 @dataclass(frozen=True, slots=True)
 class DurationType(Type):
-    """`duration`: whole nanoseconds; only constants and parameters have it."""
+    """`duration`: a whole number of nanoseconds, the type of constants and parameters only."""
 
     def __str__(self) -> str:
         return "duration"
@@ -85,7 +85,7 @@ class DurationType(Type):
 
 @dataclass(frozen=True, slots=True)
 class EnumType(Type):
-    """An enumeration; equal only to itself (by full name)."""
+    """An enumeration, equal only to the enumeration of the same full name."""
 
     name: str
     members: tuple[str, ...]
@@ -143,7 +143,7 @@ class ListType(Type):
 
 @dataclass(frozen=True, slots=True)
 class ErrorType(Type):
-    """The type of a wrong expression; it fits all types, so that nothing is reported twice."""
+    """The type of a wrong expression; it fits every type, to avoid a second error."""
 
     def __str__(self) -> str:
         return "<error>"
@@ -159,7 +159,7 @@ MODE = EnumType("Mode", ("SC", "AC"))
 
 
 def default_value(t: Type) -> Value:
-    """Gives the default of a type: zero, false, the first member, the in-range int nearest zero."""
+    """Gives a type's default: zero, false, the first member, or the int in range nearest zero."""
     if isinstance(t, BoolType):
         return False
     if isinstance(t, IntType):
@@ -179,7 +179,7 @@ def default_value(t: Type) -> Value:
 
 
 def with_unit(t: Type, unit: str) -> Type:
-    """Gives the type in which every number without a unit has this one."""
+    """Gives the type with `unit` added to each number that has no unit."""
     if isinstance(t, (FloatType, IntType)):
         return t if t.unit else replace(t, unit=unit)
     if isinstance(t, RecordType):
@@ -190,7 +190,7 @@ def with_unit(t: Type, unit: str) -> Type:
 
 
 def is_vector(t: Type) -> bool:
-    """Whether arithmetic works component by component: a record or array of only floats."""
+    """Whether a type is a record or array of only floats, on which arithmetic is component-wise."""
     if isinstance(t, ArrayType):
         return is_vector_part(t.element)
     return isinstance(t, RecordType) and t.vector
@@ -204,9 +204,9 @@ def is_vector_part(t: Type) -> bool:
 def leaves(
     t: Type, path: tuple[str, ...] = (), *, whole_lists: bool = False
 ) -> Iterator[tuple[tuple[str, ...], Type]]:
-    """Yields all scalar leaves with their paths, in declared order; `[]` for a list's elements.
+    """Yields (path, type) of all scalar leaves, in declared order; `[]` for a list's elements.
 
-    With `whole_lists` a list is a leaf.
+    With `whole_lists`, a list counts as one leaf.
     """
     if isinstance(t, RecordType):
         for n, f in t.fields:
@@ -221,12 +221,12 @@ def leaves(
 
 
 def leaf_name(name: str, path: Iterable[str]) -> str:
-    """Gives the name of a leaf in programs, `j.q[0]`; draws call it `j.q.[0]` (semantics.md)."""
+    """Gives a leaf's name in source form, `j.q[0]`; draws name it `j.q.[0]` (semantics.md)."""
     return ".".join((name, *path)).replace(".[", "[")
 
 
 def positions(t: Type, path: Iterable[str]) -> list[int]:
-    """Gives the position of each field or element on a path, which is one of `leaves(t)`."""
+    """Gives the position of each field or element on the path to a leaf; the type has no lists."""
     found: list[int] = []
     for part in path:
         if isinstance(t, RecordType):
@@ -241,7 +241,7 @@ def positions(t: Type, path: Iterable[str]) -> list[int]:
 
 
 def has_list(t: Type) -> bool:
-    """Whether `t` is a list or has a part that is one."""
+    """Whether a type is a list or contains a list."""
     if isinstance(t, RecordType):
         return any(has_list(f) for _, f in t.fields)
     return isinstance(t, ListType) or (isinstance(t, ArrayType) and has_list(t.element))
@@ -268,7 +268,7 @@ def numbers_in(value: Value) -> Iterator[float]:
 
 
 def value_of_numbers(t: Type, numbers: Iterator[float]) -> Value:
-    """Gives the value of a type without lists that has these numbers, in declared order."""
+    """Makes a value of a type without lists from its numbers, in declared order."""
     if isinstance(t, RecordType):
         return tuple([value_of_numbers(f, numbers) for _, f in t.fields])
     if isinstance(t, ArrayType):
@@ -289,7 +289,7 @@ UNITS = (("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1))
 
 
 def _number_and_unit(ns: int) -> tuple[str, str]:
-    """Gives the exact number and the unit of a duration: the largest unit not above it."""
+    """Gives a duration as an exact number and a unit, the largest unit that is not above it."""
     if ns and ns % HOUR == 0:
         return f"{ns // HOUR}", "h"
     for unit, size in UNITS:
@@ -311,13 +311,13 @@ def write_ns(ns: int) -> str:
 
 
 class WrongTextError(Exception):
-    """A text or number is no valid value; the message says which values are."""
+    """Reports that a text or number is no valid value; the message lists the valid values."""
 
 
 def duration_ns(duration: float | str) -> int:
-    """Gives the ns of a text with its unit (`"30s"`, `"1.5 min"`), or of a number of seconds.
+    """Gives the ns of a text with a unit (`"30s"`, `"1.5 min"`), or of a number of seconds.
 
-    The result is exact: `"0.1s"` is 100,000,000 ns. Raises `WrongTextError`.
+    The result is exact: `"0.1s"` is 100,000,000 ns. Raises `WrongTextError` for other texts.
     """
     if isinstance(duration, str):
         ns = _ns_of_text(duration.strip())

@@ -50,7 +50,7 @@ def is_table(t: Type) -> TypeGuard[ArrayType | ListType]:
 
 
 def is_value(t: Type, value: Value) -> bool:
-    """Whether an object is a value of a type, as the interpreter keeps it."""
+    """Whether an object is a value of the type in the interpreter's form."""
     if isinstance(t, FloatType):
         return isinstance(value, float)
     if isinstance(t, BoolType):
@@ -70,10 +70,10 @@ def is_value(t: Type, value: Value) -> bool:
 
 
 class Table(Sequence[Value]):
-    """The elements of an array or list, which never change; equal if all bits are equal.
+    """The elements of an array or list, which never change; tables are equal if all bits are equal.
 
-    `packed`: the leaves of all elements, little-endian: floats as binary64, a bool as one byte, all
-    others as 64-bit ints; a list inside with its length and its whole capacity.
+    `packed` has the leaves of all elements, little-endian: floats as binary64, bools as one byte,
+    others as 64-bit ints. An inner list has its length and all elements of its capacity.
     """
 
     __slots__ = ("_read", "_row", "_sha256", "_size", "element", "packed")
@@ -176,7 +176,7 @@ def _value_reader(t: Type) -> Callable[[Iterator[Value]], Value]:
 
 
 def _leaf_lister(t: Type) -> Callable[[Value], list[Value]]:
-    """Gives the function from a value to the list of its leaves, in order."""
+    """Gives a function that lists the leaves of a value of the type, in order."""
     if isinstance(t, RecordType):
         parts = [_leaf_lister(f) for _, f in t.fields]
         return lambda v: [x for part, each in zip(parts, v, strict=True) for x in part(each)]
@@ -186,8 +186,8 @@ def _leaf_lister(t: Type) -> Callable[[Value], list[Value]]:
             return list
         return lambda v: [x for each in v for x in element(each)]
     if isinstance(t, ListType):
-        inner, width, capacity = _leaf_lister(t.element), len(_zeros(t.element)), t.capacity
-        padding = _zeros(t.element)
+        inner, width, capacity = _leaf_lister(t.element), len(_zero_leaves(t.element)), t.capacity
+        padding = _zero_leaves(t.element)
 
         def list_with_padding(v: Value) -> list[Value]:
             elements = [x for each in v for x in inner(each)]
@@ -198,14 +198,14 @@ def _leaf_lister(t: Type) -> Callable[[Value], list[Value]]:
     return lambda v: [v]
 
 
-def _zeros(t: Type) -> list[Value]:
-    """Gives the leaves, all zero, that a value of the type has in a table."""
+def _zero_leaves(t: Type) -> list[Value]:
+    """Gives the leaves of a value of the type as a table stores them, all set to zero."""
     if isinstance(t, RecordType):
-        return [x for _, f in t.fields for x in _zeros(f)]
+        return [x for _, f in t.fields for x in _zero_leaves(f)]
     if isinstance(t, ArrayType):
-        return _zeros(t.element) * t.size
+        return _zero_leaves(t.element) * t.size
     if isinstance(t, ListType):
-        return [0, *(_zeros(t.element) * t.capacity)]
+        return [0, *(_zero_leaves(t.element) * t.capacity)]
     return [0.0 if isinstance(t, FloatType) else False if isinstance(t, BoolType) else 0]
 
 
@@ -214,7 +214,7 @@ DURATION_BITS = IntType()
 
 
 class ValueShapeError(Exception):
-    """A Python or JSON object that is no value of the type: `path` says where, `reason` why."""
+    """A Python or JSON object is no value of the type; `path` says where, and `reason` why."""
 
     def __init__(self, path: str, reason: str) -> None:
         super().__init__(f"{path}: {reason}" if path else reason)
@@ -223,18 +223,18 @@ class ValueShapeError(Exception):
 
 
 class ValueStructureError(ValueShapeError):
-    """A Python or JSON object whose names or counts are not those of the type."""
+    """The names or counts in a Python or JSON object are not those of the type."""
 
 
 # ---------------------------------------------------------------- Soter -> Python
 
 
 def to_python(t: Type, value: Value, record: Callable[..., Any] = SimpleNamespace) -> Any:  # noqa: ANN401
-    """Gives the Python object that users' code gets for a value of any type of Soter.
+    """Gives a value of any Soter type as the Python object that users' code gets.
 
-    Records become namespaces, or what `record` makes of their fields; arrays and lists of (arrays
-    of) floats NumPy arrays, other arrays and lists Python lists, enums the name of the member,
-    durations ns.
+    Records become namespaces, or the result of `record` for their fields. Arrays and lists of
+    floats (or of arrays of floats) become NumPy arrays; others become Python lists. Enums become
+    the names of their members, durations ns.
     """
     if isinstance(t, RecordType):
         fields = zip(t.fields, value, strict=True)
@@ -254,7 +254,7 @@ def to_python(t: Type, value: Value, record: Callable[..., Any] = SimpleNamespac
 
 
 def _is_block(t: Type) -> bool:
-    """Whether values of the type stack into one array: floats, and arrays of them."""
+    """Whether a type is a float or nested arrays of floats, which stack into one NumPy array."""
     return isinstance(t, FloatType) or (isinstance(t, ArrayType) and _is_block(t.element))
 
 
@@ -269,10 +269,10 @@ def from_python(t: Type, value: object, path: str = "") -> Value:
     """Gives the Soter value of a Python object, `value`; raises `ValueShapeError`.
 
     Floats: anything with `__float__`, but no array with dimensions. Ints: anything with
-    `__index__`, in the type's range. Bools: bools. Enums: the name of a member. Records: a
-    mapping with exactly the fields, an object with them as attributes, or a sequence or array of
-    one element a field. Arrays and lists: a sequence or array of that length (up to it).
-    A float may be NaN or infinite: the gate refuses it, not the shape.
+    `__index__`, in the type's range. Bools: bools. Enums: the name of a member. Records: a mapping
+    with exactly the fields, an object with the fields as attributes, or a sequence or array with an
+    element for each field. Arrays and lists: a sequence or array of the right length. NaN and
+    infinities are allowed here; the gate refuses them later.
     """
     if hasattr(value, "tolist") and hasattr(value, "ndim"):
         value = cast("Any", value).tolist()
@@ -354,11 +354,11 @@ def inputs_to_python(named: Iterable[tuple[str, Type, Value]]) -> SimpleNamespac
 
 
 def outputs_from_python(named: Sequence[tuple[str, Type]], answer: object) -> list[Value | None]:
-    """Gives the values in an extern step's answer, one for each of `named`; None: left out.
+    """Gives an extern step's answer as values, one for each of `named`; None for one left out.
 
-    The answer maps short names to values; for a single output it may be the value. None, as the
-    answer or a value, leaves out. Raises `ValueShapeError`, or `ValueStructureError` if names or
-    counts are wrong.
+    The answer maps short names to values; a single output may also be the answer itself. None as
+    the answer, or for a name, leaves outputs out. Raises `ValueShapeError`, or
+    `ValueStructureError` if names or counts are wrong.
     """
     if answer is None:
         return [None] * len(named)
@@ -380,9 +380,9 @@ def outputs_from_python(named: Sequence[tuple[str, Type]], answer: object) -> li
 
 
 def to_json(t: Type, value: Value) -> Any:  # noqa: ANN401  any JSON document
-    """Gives the value as a JSON document; records by field name, enums by member name.
+    """Gives the value as a JSON document; records have field names, enums their member's name.
 
-    JSON has no NaN and no infinities: they are the strings "NaN", "Infinity" and "-Infinity".
+    JSON has no NaN and no infinities, so they become "NaN", "Infinity" and "-Infinity".
     """
     if isinstance(t, RecordType):
         return {n: to_json(f, v) for (n, f), v in zip(t.fields, value, strict=True)}
@@ -398,8 +398,8 @@ def to_json(t: Type, value: Value) -> Any:  # noqa: ANN401  any JSON document
 def from_json(t: Type, json: object, path: str = "") -> Value:
     """Gives the Soter value of a JSON document; raises `ValueShapeError`.
 
-    It is stricter than `from_python`: a bool is no number, a record is an object with exactly the
-    fields, a number for a float is finite or one of the strings that `to_json` writes.
+    It is stricter than `from_python`: a bool is no number, and a record is an object with exactly
+    the fields. A float is a finite number, or one of the strings that `to_json` writes.
     """
     if isinstance(t, FloatType):
         return _float_from_json(json, path)
@@ -436,14 +436,16 @@ def _field_path(path: str, name: str) -> str:
 def _shape_error(
     path: str, expected: str, value: object, *, parts: bool = False
 ) -> ValueShapeError:
-    """Gives the error that `value` is not as `expected`; `parts`: which has several parts."""
+    """Gives the error that `value` is not as `expected`; `parts`: the message counts its parts."""
     structure = parts or isinstance(value, Mapping) or _is_sequence(value)
     error = ValueStructureError if structure else ValueShapeError
-    return error(path, f"expected {expected}, found {_description(value)}{_shape_hint(value)}")
+    return error(
+        path, f"expected {expected}, found {_value_description(value)}{_shape_hint(value)}"
+    )
 
 
 def _shape_hint(value: object) -> str:
-    """Gives a hint at what to write in place of a wrong value; "" if there is none."""
+    """Gives a hint at the right form for a wrong value; "" if no hint is known."""
     if isinstance(value, (list, tuple)) and len(value) == 1:
         return ": give its one element, `float(y[0])`"
     if isinstance(value, Mapping) and value and all(isinstance(k, str) for k in value):
@@ -452,7 +454,7 @@ def _shape_hint(value: object) -> str:
     return ""
 
 
-def _description(value: object) -> str:
+def _value_description(value: object) -> str:
     if value is None or isinstance(value, (bool, int, float, str)):
         text = repr(value)
         return text if len(text) <= 40 else f"a long {type(value).__name__}"
@@ -479,7 +481,7 @@ def check_length(t: Type, length: int, path: str) -> None:
 
 
 def without_ranges(t: Type) -> Type:
-    """Gives the type with plain `int` for every ranged one, so that ranges are not checked."""
+    """Gives the type with plain `int` in place of each ranged int, to leave ranges unchecked."""
     if isinstance(t, IntType):
         return INT
     if isinstance(t, RecordType):

@@ -29,9 +29,9 @@ UNIT_ROUNDOFF = 2.0**-53
 class ErrorBound:
     """|computed - exact| <= ulps * ulp(exact) + absolute + relative * 2^-53 * scale.
 
-    `ulp(v)` is the spacing of the doubles at v (2^-1074 where subnormal). For a record result it
-    holds for each component. Where the exact value rounds to infinity or zero, so does the computed
-    one. `scale` is an expression in the argument names, |.| being the Euclidean norm.
+    `ulp(v)` is the spacing of the doubles at v (2^-1074 where subnormal). For a record, the bound
+    holds for each component. If the exact value rounds to infinity or zero, so does the computed
+    value. `scale` is an expression in the argument names, with |.| for the Euclidean norm.
     """
 
     domain: tuple[tuple[float, float], ...]
@@ -46,7 +46,7 @@ class ErrorBound:
     """What an argument outside the domain gives; empty where there is none but NaN."""
 
     def at(self, exact: float) -> float:
-        """Gives the bound where the exact value is `exact`, for functions without a `scale`."""
+        """Gives the bound on the error at the exact value, for a function without a `scale`."""
         assert not self.relative, "the scale depends on the arguments"
         return self.ulps * math.ulp(exact) + self.absolute
 

@@ -24,7 +24,7 @@ _INCLUDE = re.compile(r"#\s*include\s*[<\"]([\w./-]+)[>\"]\s*(?://.*)?")
 
 @dataclass(frozen=True)
 class HashLine:
-    """A line that begins with `#`: the message, its place, and names that it would declare."""
+    """A line that begins with `#`: the message about it, its place, and names it would declare."""
 
     message: str
     span: Span
@@ -33,7 +33,7 @@ class HashLine:
 
 
 def explain_hash_line(source: Source, token: str, start: int) -> HashLine:
-    """Gives the message about a line: its text `token` begins with `#`, at offset `start`."""
+    """Explains the wrong line `token`, which begins with `#` and lies at offset `start`."""
     hash_, whole = Span(source, start, start + 1), Span(source, start, start + len(token))
     define, include = _DEFINE.fullmatch(token), _INCLUDE.fullmatch(token)
     message = "there is no preprocessor"
@@ -61,6 +61,6 @@ def explain_hash_line(source: Source, token: str, start: int) -> HashLine:
 
 
 def _included_name(stem: str, text: str) -> str:
-    """Gives the name by which a text uses an included file; `stem`, the file's, if it does not."""
+    """Gives the prefix with which a text uses names of an included file; `stem` if it uses none."""
     names = [stem, *reversed(stem.split("_"))]
     return next((n for n in names if n and re.search(rf"\b{n}\.(?!soter\b)[A-Za-z]", text)), stem)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Label, Span, make_diagnostic
 from soter.diagnostics.fixes import replace
 from soter.language.syntax.hash_lines import explain_hash_line
-from soter.language.syntax.their_words import THEIRS, helps_for_word, table_word_at
+from soter.language.syntax.their_words import THEIRS, foreign_word_at, helps_for_word
 
 if TYPE_CHECKING:
     from soter.diagnostics.codes import Code
@@ -111,12 +111,12 @@ _BAD_ESCAPE = re.compile(r'\\(?!["\\nt]).|\\\\|\\["nt]')
 
 @dataclass(slots=True)
 class Tokens:
-    """The tokens of one file as parallel lists, with some of kind `EOF` behind them.
+    """The tokens of one file as parallel lists, with some tokens of kind `EOF` at the end.
 
-    `kinds[i]` is the text itself for punctuation and reserved words, else one of the kinds
-    above. `comments` are `(start, end)` offsets in order. `bad` holds indices of tokens at
-    which an error was already reported, `lost` names that lines of other languages declare.
-    `truncated` says that the rest of the file was not read, so that its end is no error.
+    `kinds[i]` is the text itself for punctuation and reserved words, else one of the kinds above.
+    `comments` are `(start, end)` offsets in order. `bad` has the indices of tokens with an error
+    that was already reported, `lost` the names that lines of other languages declare. `truncated`:
+    the rest of the file was not read, so the end of the tokens is no error.
     """
 
     source: Source
@@ -148,7 +148,7 @@ class Tokens:
         notes: tuple[str, ...] = (),
         helps: tuple[Help, ...] = (),
     ) -> None:
-        """Keeps a lexical error; the parser then reports nothing at the next token."""
+        """Adds a lexical error to `problems`; the parser then ignores errors at the next token."""
         primary = Label(Span(self.source, start, end), label)
         self.problems.append(make_diagnostic(code, message, primary, (), notes, helps))
         self.bad.add(len(self.kinds))
@@ -195,24 +195,24 @@ def lex(source: Source) -> Tokens:
     for _ in range(1 + _LOOK_AHEAD):
         tokens.append_token(EOF, "", len(text), len(text))
     if PUSH in kinds:
-        _free_push_as_name(kinds)
+        _turn_push_into_name(kinds)
     if not SOFT.isdisjoint(kinds):
-        _free_soft_words(kinds)
+        _turn_soft_words_into_names(kinds)
     return tokens
 
 
-def _free_soft_words(kinds: list[str]) -> None:
-    """Turns reserved words into names where neighbours show it: `next x = e;`, but `m.next`.
+def _turn_soft_words_into_names(kinds: list[str]) -> None:
+    """Turns reserved words into names if their neighbours show it: `next` in `m.next`.
 
-    Such a word is a name after a token that a name follows, and before `=`, `:`, an operator or a
-    closing bracket.
+    Such a word is a name after a token such as `.`, and before `=`, `:`, an operator or a closing
+    bracket.
     """
     for i, kind in enumerate(kinds):
         if kind in SOFT and (kinds[i + 1] in _NAME_BEFORE or (i and kinds[i - 1] in _NAME_FOLLOWS)):
             kinds[i] = NAME
 
 
-def _free_push_as_name(kinds: list[str]) -> None:
+def _turn_push_into_name(kinds: list[str]) -> None:
     """Turns `push` into a name, except where a statement `push list, value;` can begin."""
     for i, kind in enumerate(kinds):
         if kind == PUSH and not (i and kinds[i - 1] in ("{", "}", ";") and kinds[i + 1] == NAME):
@@ -228,7 +228,7 @@ def string_value(text: str) -> str:
 
 
 def printable(text: str, limit: int = 24) -> str:
-    """Gives a text to quote in a message: printable, on one line, cut after `limit` characters."""
+    """Gives a text for quoting in a message: printable, on one line, at most `limit` characters."""
     shown = "".join(c if c.isprintable() else _code_point_text(c) for c in text[:limit])
     return shown + "..." if len(text) > limit else shown
 
@@ -397,7 +397,7 @@ def _report_unknown_characters(tokens: Tokens, token: str, start: int, end: int)
     else:
         message = f"unexpected characters `{printable(token)}`"
     label = "no token of Soter begins like this"
-    word = "" if token[0] in "&|" else table_word_at(tokens.source.text, start)
+    word = "" if token[0] in "&|" else foreign_word_at(tokens.source.text, start)
     helps = helps_for_word(word, Span(tokens.source, start, start + len(word)))
     tokens.report("L001", message, start, end, label, helps=helps)
 

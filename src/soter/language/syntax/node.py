@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 
     @dataclass_transform(frozen_default=True, field_specifiers=(field,))
     def node(*, kw_only: bool = False) -> Callable[[type[T]], type[T]]:
-        """Gives a dataclass with slots that is never changed, for a class below `Node`."""
+        """Makes a subclass of `Node` a dataclass with slots whose objects never change."""
 
 else:
 
     def node(*, kw_only: bool = False) -> Callable[[type], type]:
-        """A plain dataclass with slots: at run time nothing keeps a node from being changed."""
+        """Makes a class a plain dataclass with slots; at run time its objects could be changed."""
         return dataclass(slots=True, eq=False, repr=False, kw_only=kw_only)
 
 
 class Shown:
-    """Gives a class the `repr` of a dataclass."""
+    """The base class that gives its subclasses the `repr` of a dataclass."""
 
     __slots__ = ()
 
@@ -43,7 +43,7 @@ class Shown:
 
 
 class Node(Shown):
-    """Gives a class equality and hash by class and parts, as dataclasses have them."""
+    """The base class whose objects are equal if their classes and parts are, as dataclasses are."""
 
     __slots__ = ()
 

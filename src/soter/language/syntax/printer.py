@@ -44,7 +44,7 @@ _ITEM_BOUNDARY, _AFTER_COMMA, _BEFORE_CLAUSE, _AFTER_ASSIGN, _ELSEWHERE = 0, 1, 
 
 
 def format_source(source: Source, diagnostics: Diagnostics) -> str | None:
-    """Gives `source` in the canonical layout; None, with errors, if it does not parse."""
+    """Gives `source` in the standard layout; None if it has syntax errors, which it reports."""
     text = source.text
     for _ in range(_PASSES_MAX):
         pass_diagnostics = Diagnostics()
@@ -102,7 +102,7 @@ class _OpenBracket:
 
 @dataclass(slots=True)
 class _Piece:
-    """An element on its line; `level`: the cost of a line break before it, 0 is best."""
+    """An element as part of a line; `level` is the cost of a line break before it (0: best)."""
 
     space: str
     text: str
@@ -120,7 +120,7 @@ class _Line:
 
 
 class _Layout:
-    """Lays a file out in one pass over its elements."""
+    """Lays out a file in one pass over its tokens and comments."""
 
     def __init__(self, parser: Parser) -> None:
         self.tokens = parser.tokens
@@ -321,12 +321,12 @@ class _Layout:
         if before in ("-", "!") and index in self.tight:
             return ""
         if kind in ("(", "["):
-            return "" if self._belongs_to_previous(element, previous) else " "
+            return "" if self._has_no_space_before(element, previous) else " "
         if before == "<=" and self.tokens.kinds[index - 1] == "[":
             return ""
         return " "
 
-    def _belongs_to_previous(self, bracket: _Element, previous: _Element) -> bool:
+    def _has_no_space_before(self, bracket: _Element, previous: _Element) -> bool:
         """Whether no space separates a bracket from the element before it, as in a call."""
         if bracket.index in self.tight:
             return True
@@ -357,7 +357,7 @@ class _Layout:
 
 
 def _closing_by_opening_bracket(kinds: list[str]) -> dict[int, int]:
-    """Gives opening bracket -> its closing bracket, as token indices."""
+    """Maps each opening bracket to its closing bracket, both as indices of tokens."""
     stack: list[int] = []
     match: dict[int, int] = {}
     for index, kind in enumerate(kinds):
@@ -408,7 +408,7 @@ def _lines_of_blocks(line: _Line) -> list[_Line]:
 
 
 def _best_break_index(line: _Line) -> int | None:
-    """Gives the index of the piece before which to break a long line; None: nowhere."""
+    """Gives the index of the piece before which a long line is best broken; None if nowhere."""
     best: int | None = None
     best_level = 0
     at = line.indent

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Scheme:
-    """A Runge-Kutta scheme; `stages`: evaluations of the derivative in one step."""
+    """A Runge-Kutta scheme; `stages` is how often one step evaluates the derivative."""
 
     name: str
     stages: int

@@ -89,14 +89,14 @@ def _pattern_of_words() -> re.Pattern[str]:
     return re.compile("|".join(re.escape(w) + (r"\b" if w[-1].isalnum() else "") for w in words))
 
 
-def table_word_at(text: str, start: int) -> str:
-    """Gives the word of the table that stands at a place of a text; "" if none does."""
+def foreign_word_at(text: str, start: int) -> str:
+    """Gives the word of another language that begins at offset `start`; "" if none does."""
     found = _pattern_of_words().match(text, start)
     return "" if found is None else found[0]
 
 
 def helps_for_word(word: str, span: Span) -> tuple[Help, ...]:
-    """Gives the edit, or the advice, that writes a word in Soter; () for a word of no row."""
+    """Gives the edit or the advice for a word of another language; () if the word is not known."""
     ours = THEIRS.get(word)
     if ours is None:
         return ()
@@ -106,5 +106,5 @@ def helps_for_word(word: str, span: Span) -> tuple[Help, ...]:
 
 
 def is_only_shown(ours: str) -> bool:
-    """Whether Soter's words are an example to be shown, and no edit."""
+    """Whether the Soter text for a foreign word is only an example, and not an edit."""
     return ours[-1:] in (";", "}")

@@ -25,7 +25,7 @@ class Name(Node):
 
 @node()
 class Ref(Node):
-    """A name of this file, or `file.name` of an imported one (`qualifier` set)."""
+    """A name of this file, or `file.name` of an imported file if `qualifier` is set."""
 
     qualifier: Name | None
     name: Name
@@ -62,7 +62,7 @@ class ElementName(Name):
 
 @node()
 class SyntaxExpr(Node):
-    """Any expression."""
+    """The base class of expressions."""
 
     span: Span
 
@@ -84,7 +84,7 @@ class FloatLit(SyntaxExpr):
 
 @node()
 class DurationLit(SyntaxExpr):
-    """`10ms`; `value_ns` is None when it is not a whole number of nanoseconds."""
+    """`10ms`; `value_ns` is None if the duration is not a whole number of nanoseconds."""
 
     value_ns: int | None
     text: str
@@ -172,7 +172,7 @@ class ListExpr(SyntaxExpr):
 class ChooseExpr(SyntaxExpr):
     """`[fair] choose bool`, `choose Enum`, `choose [a, b]`, `choose { e1, e2 }`.
 
-    Exactly one of `type` and `interval` is set, or neither: then `options` are the choices.
+    At most one of `type` and `interval` is set; if neither is, `options` are the choices.
     """
 
     fair: bool
@@ -183,7 +183,7 @@ class ChooseExpr(SyntaxExpr):
 
 @node()
 class ErrorExpr(SyntaxExpr):
-    """Stands where an expression could not be parsed, which was already reported."""
+    """The place of an expression with a syntax error that was already reported."""
 
 
 # ---------------------------------------------------------------- types
@@ -191,7 +191,7 @@ class ErrorExpr(SyntaxExpr):
 
 @node()
 class TypeExpr(Node):
-    """Any type expression."""
+    """The base class of type expressions."""
 
     span: Span
 
@@ -267,7 +267,7 @@ class EnumTypeExpr(TypeExpr):
 
 @node()
 class ErrorTypeExpr(TypeExpr):
-    """Stands where a type could not be parsed, which was already reported."""
+    """The place of a type with a syntax error that was already reported."""
 
 
 # ---------------------------------------------------------------- statements
@@ -275,7 +275,7 @@ class ErrorTypeExpr(TypeExpr):
 
 @node()
 class SyntaxStmt(Node):
-    """Any statement."""
+    """The base class of statements."""
 
     span: Span
 
@@ -290,7 +290,7 @@ class Block(Node):
 
 @node()
 class LetStmt(SyntaxStmt):
-    """`let name [: type] = value;`, never assigned again."""
+    """`let name [: type] = value;`: a variable that is never assigned again."""
 
     name: Name
     type: TypeExpr | None
@@ -299,7 +299,7 @@ class LetStmt(SyntaxStmt):
 
 @node()
 class VarStmt(SyntaxStmt):
-    """`var name [: type] [= value];`; at least one of the two stands."""
+    """`var name [: type] [= value];`, with a type, a value or both."""
 
     name: Name
     type: TypeExpr | None
@@ -377,7 +377,7 @@ class ForEachStmt(SyntaxStmt):
 
 @node()
 class Decl(Node):
-    """Any top-level declaration."""
+    """The base class of top-level declarations."""
 
     name: Name
     span: Span
@@ -431,7 +431,7 @@ class FunDecl(Decl):
 
 @node()
 class RecordSet(Node):
-    """`{ x in [a, b], p in { ... } }`: a value set field by field."""
+    """`{ x in [a, b], p in { ... } }`: a set of records by the sets of their fields."""
 
     fields: tuple[tuple[Name, IntervalExpr | RecordSet], ...]
     span: Span
@@ -473,7 +473,7 @@ class Publication(Node):
 
 @node()
 class LocalVar(Node):
-    """`var name: type [= initial];` of a node."""
+    """`var name: type [= initial];`: a local variable of a node."""
 
     name: Name
     type: TypeExpr
@@ -483,7 +483,7 @@ class LocalVar(Node):
 
 @node(kw_only=True)
 class NodeDecl(Decl):
-    """`node` or `extern node`; `step` is None exactly when extern (or after a parse error)."""
+    """`node` or `extern node`; `step` is None if it is extern, or after a syntax error."""
 
     period: SyntaxExpr
     phase: SyntaxExpr | None
@@ -505,9 +505,9 @@ class NodeDecl(Decl):
 
 @node()
 class GridAxis(Node):
-    """`motion.x in [a, b] / cells open to c` of a verify block.
+    """`motion.x in [a, b] / cells open to c`: an axis in a verify block.
 
-    `unbounded`: `open` without an end.
+    `unbounded` is true for `open` without an end.
     """
 
     path: DottedPath
@@ -536,7 +536,7 @@ class CommandSet(Node):
 
 @node()
 class Delays(Node):
-    """`late dm D, sc D, Node D;` or the same of `response`: times of the DM, of SC, of nodes."""
+    """`late dm D, sc D, Node D;` or `response ...`: times of the DM, of SC and of nodes."""
 
     dm: SyntaxExpr | None
     sc: SyntaxExpr | None
@@ -545,7 +545,7 @@ class Delays(Node):
 
 @node()
 class Abstraction(Node):
-    """`along: Axis = expr` of `abstracts d by ...`."""
+    """`along: Axis = expr`, an item of `abstracts d by ...`."""
 
     name: Name
     plant: Ref
@@ -554,7 +554,7 @@ class Abstraction(Node):
 
 @node()
 class View(Node):
-    """`view east { abstracts ...; grid ...; }`: a part of the predicates, on plants of its own."""
+    """`view east { abstracts ...; grid ...; }`: a part of the predicates on separate plants."""
 
     name: Name
     groups: tuple[AxisGroup, ...]
@@ -564,7 +564,7 @@ class View(Node):
 
 @node(kw_only=True)
 class VerifyBlock(Node):
-    """`verify { ... }`: read by `soter verify`, syntax and names checked always."""
+    """`verify { ... }`: used by `soter verify`, but syntax and names are always checked."""
 
     groups: tuple[AxisGroup, ...]
     abstracts: tuple[tuple[Name, tuple[Abstraction, ...]], ...]
@@ -609,7 +609,7 @@ class Clause(Node):
 
 @node()
 class Returns(Node):
-    """`returns after topic;`, or `returns never;`: then there is no topic."""
+    """`returns after topic;`, or `returns never;` without a topic."""
 
     topic: Ref | None
     span: Span
@@ -644,7 +644,7 @@ class EachCommand(Node):
 
 @node(kw_only=True)
 class RtaDecl(Decl):
-    """`rta Name {...}`; a part that is missing is None (reported by the checker)."""
+    """`rta Name {...}`; a missing part is None, which the checker reports."""
 
     ac: Ref | None
     sc: Ref | Synthesized | None
@@ -673,7 +673,7 @@ class RtaDecl(Decl):
 
 @node()
 class PlantState(Node):
-    """`state name: type [in [a, b]] [= initial];`: drawn uniformly from the interval if given."""
+    """`state name: type [in [a, b]] [= initial];`: drawn uniformly from [a, b] if it is written."""
 
     name: Name
     type: TypeExpr
@@ -695,7 +695,7 @@ class DisturbanceItem(Node):
 
 @node()
 class PlantLet(Node):
-    """`let name = value;` inside a plant, seen by what follows it."""
+    """`let name = value;` inside a plant; later items of the plant can use the name."""
 
     name: Name
     type: TypeExpr | None
@@ -705,9 +705,9 @@ class PlantLet(Node):
 
 @node(kw_only=True)
 class PlantDecl(Decl):
-    """`plant` or `extern plant`. `drives` has an expression unless the plant is extern.
+    """`plant` or `extern plant`; `drives` has no expressions if the plant is extern.
 
-    `integrate` is (name of a scheme, substeps or None), None when left out (`schemes.py`).
+    `integrate` is (name of a scheme, substeps or None), or None if left out (`schemes.py`).
     """
 
     period: SyntaxExpr
@@ -727,9 +727,9 @@ class PlantDecl(Decl):
 
 @node()
 class Repeated(Node):
-    """`for i in low..high { items }` of a system or a test: its items of one kind, in order.
+    """`for i in low..high { items }` of a system or test: its items of one kind, in order.
 
-    A loop is a `Repeated` for each kind of item in it, all with the same span; loops nest.
+    A loop becomes a `Repeated` for each kind of item, all with the same span. Loops may be nested.
     """
 
     name: Name
@@ -750,9 +750,9 @@ class SetParam(Node):
 
 @node()
 class Instance(Node):
-    """`name: What { topic = other, set K = 3 };`; `kind` is None there, else "module" or "node".
+    """An instance `name: What { topic = other, set K = 3 };`, perhaps after `module` or `node`.
 
-    `name` is an `ElementName` where it is `r[i]: What;`.
+    `kind` is this word or None. `name` is an `ElementName` for `r[i]: What;`.
     """
 
     name: Name
@@ -767,7 +767,7 @@ class Instance(Node):
 class PropertyItem(Node):
     """`always e;`, `never e;`, `eventually e within d;`, `p leadsto e within d;`.
 
-    `in_loop`: it stood in a loop, whose variables are filled in.
+    `in_loop`: the item comes from a loop, and its loop variables are already filled in.
     """
 
     kind: str
@@ -806,7 +806,7 @@ class Replace(Node):
 
 @node()
 class DriveInput(Node):
-    """`input goal [in { a, b }] every 1s;`: drawn from the values, without any from its set."""
+    """`input goal [in { a, b }] every 1s;`: draws from { a, b }, or else from the topic's set."""
 
     topic: DottedPath
     values: tuple[SyntaxExpr, ...] | None
@@ -816,7 +816,7 @@ class DriveInput(Node):
 
 @node()
 class StatedValues(Node):
-    """`guarantees t.x in { a, b };`, `assumes ...` of a test: values that a stand-in publishes."""
+    """`guarantees t.x in { a, b };` or `assumes ...` of a test: the values a stand-in publishes."""
 
     kind: str
     topic: DottedPath
@@ -850,7 +850,7 @@ class TimingFaultItem(Node):
 class SystemFault(Node):
     """One item of `faults { ... }`: `nan M.Fast at 4 per 1h for 1s;`, `order any;`.
 
-    `target` is None for an order; `by`: the amounts of the fault, several for a measured lateness.
+    `target` is None for an order. `by` has the amounts: several for a measured lateness.
     """
 
     kind: str
@@ -864,7 +864,7 @@ class SystemFault(Node):
 
 @node()
 class MeasureItem(Node):
-    """`measure name = e in [low, high] / bins every d;`: a number of a run for campaigns."""
+    """`measure name = e in [low, high] / bins every d;`: a number that campaigns report."""
 
     name: Name
     value: SyntaxExpr
@@ -895,7 +895,7 @@ class SystemDecl(Decl):
 
 @node(kw_only=True)
 class TestDecl(Decl):
-    """`test Name {...}`: read by `soter test`."""
+    """`test Name {...}`: a test that `soter test` runs."""
 
     system: Ref | None
     replaces: tuple[Replace | Repeated, ...]
@@ -913,10 +913,10 @@ class TestDecl(Decl):
 
 @node()
 class File(Node):
-    """One parsed file; `edition` is None when the first line is missing (already reported).
+    """One parsed file; `edition` is None if its first line is missing (already reported).
 
-    `broken` holds the names of declarations (and imports) that were dropped or lost a part to
-    a syntax error: later passes say nothing about such a name being unknown or incomplete.
+    `broken` has the names of declarations and imports that a syntax error damaged or removed. Later
+    passes do not report these names as unknown or incomplete.
     """
 
     edition: int | None

@@ -29,8 +29,8 @@ from rosbags.rosbag2 import Reader as Reader2
 from soter.monitor.log_files.log_columns import REINDEX, Writers
 from soter.monitor.log_files.message_decoding import (
     UndecodableError,
+    default_definitions,
     find_definitions,
-    known_definitions,
     message_decoder,
     require_type,
     tolerant_decoder,
@@ -59,19 +59,19 @@ CHECKPOINT, ROLLBACK = "'PRAGMA wal_checkpoint(TRUNCATE)'", "'SELECT 1 FROM mess
 
 
 class ContradictionError(ValueError):
-    """A bag contradicts itself: the text says where and how, `remedy` what to do."""
+    """Says where and how a bag contradicts itself; `remedy` says how to repair the bag."""
 
     def __init__(self, message: str, remedy: str) -> None:
         super().__init__(message)
         self.remedy = remedy
 
 
-def _contradiction(message: str) -> ContradictionError:
+def _contradiction_error(message: str) -> ContradictionError:
     return ContradictionError(message, REMEDY1)
 
 
 class WholeBag1:
-    """Reads an open bag of ROS 1; `unpack`: the bounded form of each function that unpacks."""
+    """Reads an open ROS 1 bag; `unpack` replaces unpacking functions by bounded versions."""
 
     def __init__(
         self, reader: Reader, unpack: Mapping[Callable[[bytes], bytes], Callable[[bytes], bytes]]
@@ -83,7 +83,7 @@ class WholeBag1:
     def messages(self) -> Iterator[tuple[int, int, bytes]]:
         """Gives the connection, time and bytes of every message, in the order of the file.
 
-        ContradictionError where a chunk, the index or a connection contradicts another part.
+        Raises ContradictionError if a chunk, the index or a connection contradicts another part.
         """
         self._check_records()
         index: dict[int, Counter[tuple[int, int]]] = {}
@@ -97,19 +97,19 @@ class WholeBag1:
                 yield connection, time_ns, data
             where = f"the chunk at byte {info.pos}"
             if found != index.get(info.pos, Counter()):
-                raise _contradiction(f"{where} has other messages than the index says")
+                raise _contradiction_error(f"{where} has other messages than the index says")
             counts: Counter[int] = Counter()
             for (connection, _), n in found.items():
                 counts[connection] += n
             counts_by_connection = {c: n for c, n in info.connection_counts.items() if n}
             if counts_by_connection != dict(counts):
-                raise _contradiction(f"{where} has another number of messages than it says")
+                raise _contradiction_error(f"{where} has another number of messages than it says")
             times = [time_ns for _, time_ns in found]
             if times and (min(times), max(times) + 1) != (info.start_time, info.end_time):
-                raise _contradiction(f"{where} has messages of other times than it says")
+                raise _contradiction_error(f"{where} has messages of other times than it says")
 
     def _check_records(self) -> None:
-        """Steps over every record of the file to its end, and compares them with its head."""
+        """Steps over every record up to the end, and compares them with the file's head."""
         file = self.reader.bio
         assert file is not None
         file.seek(0, 2)
@@ -121,18 +121,18 @@ class WholeBag1:
                 header = Header.read(file)
                 kind, size = header.get_uint8("op"), read_uint32(file)
             except ReaderError as error:
-                raise _contradiction(f"at byte {at} stands no record") from error
+                raise _contradiction_error(f"at byte {at} stands no record") from error
             seen[kind] += 1
             if kind == RecordType.CHUNK:
                 if at not in self.reader.chunks:
-                    raise _contradiction(f"the index does not name the chunk at byte {at}")
+                    raise _contradiction_error(f"the index does not name the chunk at byte {at}")
                 self.sizes[at] = header.get_uint32("size")
             if kind == RecordType.CONNECTION:
                 self._define_connection(header, read_bytes(file, size), at)
             else:
                 file.seek(size, 1)
         if file.tell() > end:
-            raise _contradiction("its end is missing")
+            raise _contradiction_error("its end is missing")
         index = (
             len(self.reader.connections),
             len(self.reader.chunk_infos),
@@ -140,7 +140,9 @@ class WholeBag1:
         )
         kinds = RecordType.CONNECTION, RecordType.CHUNK_INFO, RecordType.CHUNK
         if index != tuple(seen[kind] for kind in kinds):
-            raise _contradiction("its head counts other connections or chunks than stand there")
+            raise _contradiction_error(
+                "its head counts other connections or chunks than stand there"
+            )
 
     def _define_connection(self, header: Header, body: bytes, at: int) -> None:
         number = header.get_uint32("conn")
@@ -148,7 +150,7 @@ class WholeBag1:
         if self.known[number] != (dict(header), body):
             topic = before["topic"].decode("utf-8", "replace")[:80]
             message = f"connection {number} is `{topic}`, and another one at byte {at}"
-            raise _contradiction(message)
+            raise _contradiction_error(message)
 
     def _chunk_messages(self, place: int) -> Iterator[tuple[int, int, bytes]]:
         chunk = self.reader.chunks[place]
@@ -159,7 +161,7 @@ class WholeBag1:
         data = self.unpack[chunk.decompressor](packed)
         if len(data) != self.sizes[place]:
             message = f"it says {self.sizes[place]:,} bytes and has {len(data):,}"
-            raise _contradiction(f"the chunk at byte {place} is damaged: {message}")
+            raise _contradiction_error(f"the chunk at byte {place} is damaged: {message}")
         inside = BytesIO(data)
         while inside.tell() < len(data):
             header = Header.read(inside)
@@ -168,9 +170,13 @@ class WholeBag1:
             if kind == RecordType.CONNECTION:
                 self._define_connection(header, body, place)
             elif kind != RecordType.MSGDATA:
-                raise _contradiction(f"a record of kind {kind} stands in the chunk at byte {place}")
+                raise _contradiction_error(
+                    f"a record of kind {kind} stands in the chunk at byte {place}"
+                )
             elif header.get_uint32("conn") not in self.known:
-                raise _contradiction(f"a message of the chunk at byte {place} is of no connection")
+                raise _contradiction_error(
+                    f"a message of the chunk at byte {place} is of no connection"
+                )
             else:
                 yield header.get_uint32("conn"), header.get_time("time"), body
 
@@ -179,7 +185,7 @@ class WholeBag1:
 
 
 def require_no_journal(path: Path) -> None:
-    """Raises ContradictionError where SQLite left a journal beside a database or its link."""
+    """Raises ContradictionError if SQLite left a journal beside a database or a link to it."""
     for each in dict.fromkeys((path, path.resolve())):
         database = each.with_name(each.name.removesuffix(".zstd"))
         wal, journal = (database.with_name(database.name + end) for end in ("-wal", "-journal"))
@@ -197,9 +203,9 @@ def require_no_journal(path: Path) -> None:
 
 
 def require_intact(database: apsw.Connection, counts: Mapping[str, int], path: Path) -> None:
-    """Raises ContradictionError where a database is damaged, or has fewer messages than it says.
+    """Raises ContradictionError if a database is damaged, or has fewer messages than it announces.
 
-    `counts`: its messages by topic. More than it says are right: its metadata are written earlier.
+    `counts` are the messages read, by topic. More than announced is right: the metadata are older.
     """
     size = path.stat().st_size
     pages = next(iter(database.execute(SIZE)))[0]
@@ -232,7 +238,7 @@ HAS_METADATA = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'met
 
 
 def counts_in_metadata(text: Any, file: str) -> dict[str | None, int]:  # noqa: ANN401 - what a row has
-    """The numbers of messages by topic (None: of all) in a database's metadata; {} without such."""
+    """The number of messages by topic (None: of all) in a database's metadata; {} if unknown."""
     from ruamel.yaml import YAML  # noqa: PLC0415 - comes with rosbags
     from ruamel.yaml.error import YAMLError  # noqa: PLC0415 - the same
 
@@ -257,7 +263,7 @@ def message_counts(information: Any) -> dict[str | None, int]:  # noqa: ANN401 -
 
 
 def require_counts(announced: Mapping[str | None, int], read_by_topic: Mapping[str, int]) -> None:
-    """Raises ContradictionError where other messages were read than `metadata.yaml` says."""
+    """Raises ContradictionError if the numbers of read messages differ from `metadata.yaml`."""
     read: dict[str | None, int] = {None: sum(read_by_topic.values())}
     read.update(read_by_topic)
     for topic in (*sorted(t for t in {*announced, *read} if t is not None), None):
@@ -266,7 +272,7 @@ def require_counts(announced: Mapping[str | None, int], read_by_topic: Mapping[s
 
 
 def wrong_count_error(topic: str | None, announced: int, read: int) -> ContradictionError:
-    """The ContradictionError that the metadata count other messages of a topic than are there."""
+    """The ContradictionError for a topic with another number of messages than the metadata say."""
     of = "in all" if topic is None else f"of `{topic[:80]}`"
     message = f"its metadata count {announced:,} messages {of}, and {read:,} stand there"
     return ContradictionError(message, REINDEX + ", of what is there")
@@ -280,14 +286,14 @@ IN_ORDER = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
 
 
 class _BoundedReader1(Reader1):
-    """A bag of ROS 1 whose index is no longer than its file."""
+    """A ROS 1 bag whose index may not be longer than the file itself."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self.bytes_left = path.stat().st_size
 
     def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
-        """Reads the entries at the place where the file is read."""
+        """Reads index entries at the file's position; raises Reader1Error if they are too long."""
         assert self.bio is not None
         before = self.bio.tell()
         super().read_index_data(pos, indexes)
@@ -297,7 +303,7 @@ class _BoundedReader1(Reader1):
 
 
 def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Gives messages in order: arrival, channel, content (None: unwanted). ContradictionError."""
+    """Gives each message: arrival, channel, content (None: unwanted). Raises ContradictionError."""
     facts.unchecked = True
     writers = Writers()
     facts.size = path.stat().st_size
@@ -336,9 +342,9 @@ def _announced_publishers(connections: Iterable[Connection]) -> Writers:
 def sqlite_messages(
     path: Path, wanted: dict[str, Wanted], facts: FileFacts, *, packed: bool
 ) -> Iterator[Arrived]:
-    """Gives the messages of one SQLite file of ROS 2 as `ros1_messages` does; `packed`: by zstd.
+    """Gives the messages of one SQLite file of ROS 2, in the form of `ros1_messages`.
 
-    Raises UndecodableError where its database or its messages are none of a bag.
+    `packed`: zstd compresses them. Raises UndecodableError if the file or a message is of no bag.
     """
     facts.unchecked = True
     require_no_journal(path)
@@ -402,7 +408,7 @@ def _ros_decoder(connection: Connection, wanted: Wanted, ros: int) -> Callable[[
         shown = f"`{ext.serialization_format[:40]}`, not cdr"
         raise UndecodableError(f"messages of `{connection.topic}` are {shown}")
     if definition.format == MessageDefinitionFormat.NONE:
-        definitions = known_definitions(wanted.message, ros)
+        definitions = default_definitions(wanted.message, ros)
     else:
         form: Format = "msg" if definition.format == MessageDefinitionFormat.MSG else "idl"
         definitions = find_definitions(definition.data, name, form)
@@ -410,7 +416,7 @@ def _ros_decoder(connection: Connection, wanted: Wanted, ros: int) -> Callable[[
 
 
 def _require_tables(path: Path) -> None:
-    """Raises UndecodableError for what is no database, or one that computes what is read."""
+    """Raises UndecodableError if a file is no database, or if its database computes values."""
     address = f"file:{quote(str(path))}?mode=ro&immutable=1"
     connection = sqlite3.connect(address, uri=True)
     try:

@@ -20,12 +20,12 @@ from soter.monitor.log_files.log_columns import (
     FileFacts,
     RowChoice,
     add_row,
-    damaged_log,
+    damaged_log_error,
     no_time_error,
     opened_log,
     parsed_time_ns,
     remedies_for_file,
-    unusable,
+    unusable_log_error,
 )
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ UNPACKED_MAX = 4 << 30
 
 
 class BoundedGzip(io.RawIOBase):
-    """An unpacked gzip; reading raises zlib.error (no gzip, too much), EOFError (no end)."""
+    """An unpacked gzip; reading raises zlib.error (no gzip, or too large), EOFError (no end)."""
 
     def __init__(self, packed: BinaryIO) -> None:
         self._packed = packed
@@ -61,7 +61,7 @@ class BoundedGzip(io.RawIOBase):
         return True
 
     def readinto(self, into: memoryview) -> int:  # type: ignore[override]
-        """Reads the next bytes into a buffer, and gives their number: 0 at the end."""
+        """Reads the next bytes into a buffer, and gives the number of bytes, 0 at the end."""
         found = self._next_bytes(len(into))
         into[: len(found)] = found
         return len(found)
@@ -85,7 +85,7 @@ class BoundedGzip(io.RawIOBase):
                 raise EOFError("its end is missing")
 
     def _begin_next_member(self) -> bool:
-        """Begins the next member of the gzip; False where none follows."""
+        """Begins the next member of the gzip; False if no member follows."""
         rest = self._member.unused_data.lstrip(b"\0")
         rest = rest or self._packed.read(PADDING_MAX).lstrip(b"\0")
         if not rest and self._packed.read(1):
@@ -120,13 +120,13 @@ def is_csv(path: Path) -> bool:
 
 
 def read_csv(path: Path, mapping: LogMap, wanted: Wanted, *, partial: bool = False) -> Columns:
-    """Reads the rows that count; with `partial`, those before a damage. SoterError D016.
+    """Reads the rows that count; with `partial`, the rows before a damage. Raises SoterError D016.
 
     A ROS time takes two columns: `header.stamp.sec` and `header.stamp.nanosec`.
     """
     if mapping.time is None:
         help_ = 'say it in the mapping: [time] from = "t", unit = "s"'
-        raise unusable(path, "nobody says which column is the time", help_)
+        raise unusable_log_error(path, "nobody says which column is the time", help_)
     columns = wanted.empty_columns()
     columns.unchecked = not path.name.lower().endswith(".gz")
     of_stamps = [name for source in wanted.stamps for name in _stamp_columns(source)]
@@ -147,7 +147,7 @@ def read_csv(path: Path, mapping: LogMap, wanted: Wanted, *, partial: bool = Fal
         add_row(path, columns, now, cells, stamps, where=where, remedies=(SEVERAL,))
     if not columns.times_ns:
         message = f"no row has {choice}" if mapping.where else "it has no rows"
-        raise unusable(path, message, *choice.seen_values)
+        raise unusable_log_error(path, message, *choice.seen_values)
     columns.damage = facts.damage
     return columns
 
@@ -157,12 +157,14 @@ def _row_time_ns(path: Path, mapping: LogMap, clock: list[str], where: str) -> i
     if len(clock) == 1:
         return parsed_time_ns(path, clock[0], mapping.time_ns, where)
     if mapping.time_ns != SECOND_NS:
-        raise unusable(path, f"`{mapping.time}` is a time of two columns: it has no `unit`")
+        raise unusable_log_error(
+            path, f"`{mapping.time}` is a time of two columns: it has no `unit`"
+        )
     return _ros_time_ns(path, clock, where)
 
 
 def _ros_time_ns(path: Path, cells: list[str], where: str) -> int:
-    """The ns of cells with whole seconds and with nanoseconds below 10^9; SoterError D016."""
+    """The ns of two cells, full seconds and nanoseconds (< 10^9); raises SoterError D016."""
     seconds, rest = (parsed_time_ns(path, c, u, where) for c, u in zip(cells, OF_ROS, strict=True))
     if seconds % SECOND_NS or not 0 <= rest < SECOND_NS:
         raise no_time_error(path, " s and ".join(cells) + " ns", where)
@@ -178,7 +180,7 @@ def _stamp_columns(source: StampSource) -> list[str]:
 def _row_stamp_ns(
     path: Path, row: Mapping[str, str], source: StampSource, where: str
 ) -> int | None:
-    """The time at which a row was measured, in ns; None where its cells are empty."""
+    """The time in ns at which a row was measured; None if the cells for it are empty."""
     names = _stamp_columns(source)
     if any(not row[n].strip() for n in names):
         return None
@@ -188,18 +190,18 @@ def _row_stamp_ns(
 
 
 def csv_column_names(path: Path) -> list[str]:
-    """The names of a CSV's columns; SoterError D016."""
+    """The names of a CSV's columns; raises SoterError D016 if it cannot be read."""
     try:
         with opened_log(path) as data, _opened_text(path, data) as file:
             return [h.strip() for h in next(csv.reader(_bounded_lines(file, FileFacts())), [])]
     except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
-        raise damaged_log(path, f"it is no CSV: {error}", *remedies_for_file(path)) from error
+        raise damaged_log_error(path, f"it is no CSV: {error}", *remedies_for_file(path)) from error
 
 
 def csv_rows(
     path: Path, needed: list[str], time: str, facts: FileFacts
 ) -> Iterator[tuple[int, list[str], dict[str, str]]]:
-    """Gives each row: its line number, the cells of its time, `needed` cells. SoterError D016."""
+    """Gives each row: line number, the cells of its time, the cells `needed`; raises D016."""
     try:
         with opened_log(path) as data, _opened_text(path, data) as file:
             facts.size = 0 if path.suffix.lower() == ".gz" else path.stat().st_size
@@ -207,7 +209,7 @@ def csv_rows(
             rows = _checked_rows(path, reader)
             head = [h.strip() for h in next(rows, [])]
             if not head:
-                raise unusable(path, "it is empty")
+                raise unusable_log_error(path, "it is empty")
             places = {name: _column_number(path, head, name) for name in needed}
             two = [f"{time}.sec", f"{time}.nanosec"]
             changes_releases = two if time not in head and set(two) <= set(head) else [time]
@@ -217,21 +219,21 @@ def csv_rows(
                     continue
                 if len(row) != len(head):
                     text = f"line {reader.line_num} has {len(row)} cells, the head {len(head)}"
-                    raise damaged_log(path, text)
+                    raise damaged_log_error(path, text)
                 cells = {name: row[at] for name, at in places.items()}
                 yield reader.line_num, [row[at] for at in clock], cells
     except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
-        raise damaged_log(path, f"it is no CSV: {error}", *remedies_for_file(path)) from error
+        raise damaged_log_error(path, f"it is no CSV: {error}", *remedies_for_file(path)) from error
 
 
 def _checked_rows(path: Path, reader: Reader) -> Iterator[list[str]]:
-    """Gives each row; D016 where one goes on in the next line: an open quote may hide rows."""
+    """Gives each row; raises D016 if a row spans lines, since an open quote may hide other rows."""
     before = 0
     try:
         for row in reader:
             if reader.line_num > before + 1:
                 text = f"the row of line {before + 1} goes on to line {reader.line_num}"
-                raise damaged_log(path, text, QUOTES)
+                raise damaged_log_error(path, text, QUOTES)
             before = reader.line_num
             yield row
     except csv.Error as error:
@@ -248,7 +250,7 @@ def _opened_text(path: Path, data: BinaryIO) -> IO[str]:
 
 
 def _bounded_lines(file: IO[str], facts: FileFacts) -> Iterator[str]:
-    """Gives the lines of a file; csv.Error for one that is longer than `LINE_MAX`."""
+    """Gives the lines of a file; raises csv.Error for one that is longer than `LINE_MAX`."""
     line = "\n"
     while next_line := file.readline(LINE_MAX + 1):
         facts.at_byte += len(line)
@@ -264,14 +266,14 @@ def _column_number(path: Path, head: list[str], name: str) -> int:
     if head.count(name) == 1:
         return head.index(name)
     if name in head:
-        raise unusable(path, f"two columns are called `{name}`")
-    raise unusable(
+        raise unusable_log_error(path, f"two columns are called `{name}`")
+    raise unusable_log_error(
         path, f"it has no column `{name}`", *first_line_helps(head), nearest_or_all(name, head)
     )
 
 
 def first_line_helps(head: list[str]) -> list[str]:
-    """Says why the first line may not be the names of the columns, and what to do."""
+    """The reasons why the first line may not name the columns, each with a remedy."""
     helps = []
     other = next((c for c in (";", "\t", "|") if len(head) == 1 and c in head[0]), None)
     if other is not None:

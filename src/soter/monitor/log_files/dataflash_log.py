@@ -21,10 +21,10 @@ from soter.monitor.log_files.log_columns import (
     NO_END,
     DamagedLogError,
     FileFacts,
-    damaged_log,
+    damaged_log_error,
     is_plain_number,
     opened_log,
-    wrong_format,
+    wrong_format_error,
 )
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ PADDING = (b"\0", b"\xff")
 
 @dataclass
 class _Format:
-    """A kind of messages; `instance`: the field that tells sensors apart, "" or None: unknown."""
+    """A kind of messages; `instance` is the field with the sensor's number, "" or None: unknown."""
 
     name: str
     length: int
@@ -78,11 +78,11 @@ class _Format:
         return made
 
     def typed_cells(self, cells: Sequence[str]) -> list[Any]:
-        """The values of a text line's cells, a mode also by name; ValueError if they fit not."""
+        """The values of a text line's cells, a mode also by name; raises ValueError if unfit."""
         return [_typed_cell(letter, cell) for letter, cell in zip(self.letters, cells, strict=True)]
 
     def cells_of_line(self, line: str) -> list[str]:
-        """The cells of a line behind its name; a text that stands last may have commas."""
+        """The cells of a line after its name; a text in the last cell may have commas."""
         text_last = self.letters[-1:] in TEXTS
         return [c.strip() for c in line.split(",", len(self.letters) - 1 if text_last else -1)]
 
@@ -91,7 +91,7 @@ class _Format:
         return dict(zip(self.columns, raw, strict=True))
 
     def channel_name(self, raw: Sequence[Any]) -> str:
-        """The channel of a message: its name, and the instance where that is not the first."""
+        """The channel of a message: its name, and its instance unless it is the first."""
         if not self.instance:
             return self.name
         number = raw[self.columns.index(self.instance)]
@@ -99,7 +99,7 @@ class _Format:
         return f"{self.name}#{number}" if number not in (0, "", "0") else self.name
 
     def time_ns(self, raw: Sequence[Any]) -> int | None:
-        """The time at which a message was written; None where it says none."""
+        """The time at which a message was written; None if the message has no time."""
         for name, unit_ns in TIMES_NS.items():
             if name in self.columns:
                 value = raw[self.columns.index(name)]
@@ -116,7 +116,7 @@ def _decoded_text(raw: bytes) -> str:
 
 
 def _typed_cell(letter: str, cell: str) -> float | int | str:
-    """The value of a text cell; ValueError where its letter has no such value."""
+    """The value of a text cell; raises ValueError if the cell does not fit the type `letter`."""
     is_text = letter in TEXTS or letter in "aM"
     if len(cell.encode("utf-8")) > TEXTS.get(letter, LINE_MAX) or not (
         is_text or is_plain_number(cell)
@@ -132,7 +132,7 @@ def _typed_cell(letter: str, cell: str) -> float | int | str:
 def dataflash_messages(
     path: Path, wanted: dict[str, Wanted], facts: FileFacts
 ) -> Iterator[Arrived]:
-    """Gives messages: time, kind and content, None if unwanted. Counts all. SoterError D016."""
+    """Gives each message: time, kind, content (None: unwanted); counts all; raises D016."""
     facts.unchecked = True
     with opened_log(path) as file:
         head = file.read(TEXT_HEAD)
@@ -140,7 +140,7 @@ def dataflash_messages(
         file.seek(0)
         binary = head.startswith(DATAFLASH_MAGIC)
         if not binary and b"FMT," not in head:
-            raise wrong_format(path, "log of ArduPilot")
+            raise wrong_format_error(path, "log of ArduPilot")
         first = _DataflashReading(path, None, FileFacts())
         with suppress(DamagedLogError):  # the second pass raises it again
             deque(first.binary_messages(file) if binary else first.text_messages(file), maxlen=0)
@@ -152,7 +152,7 @@ def dataflash_messages(
 
 
 class _DataflashReading:
-    """Reads a log by the formats met so far; `wanted` None: reads the formats alone."""
+    """Reads a log by the formats seen so far; reads only formats if `wanted` is None."""
 
     def __init__(self, path: Path, wanted: dict[str, Wanted] | None, facts: FileFacts) -> None:
         self.path, self.wanted, self.facts = path, wanted, facts
@@ -169,11 +169,11 @@ class _DataflashReading:
             form = self.formats.get(head[2]) if len(head) == HEAD_BYTES else None
             if form is None and len(head) == HEAD_BYTES:
                 message = f"the message at byte {at:,} is of kind {head[2]}, which no `FMT` says"
-                raise damaged_log(self.path, message)
+                raise damaged_log_error(self.path, message)
             body = b"" if form is None else file.read(form.length - HEAD_BYTES)
             if form is None or len(body) < form.length - HEAD_BYTES:
                 message = f"its last message, at byte {at:,}, has no end: {NO_END}"
-                raise damaged_log(self.path, message)
+                raise damaged_log_error(self.path, message)
             if self._is_skipped(form):
                 continue
             try:
@@ -183,10 +183,10 @@ class _DataflashReading:
                 message = (
                     f"the `{form.name}` at byte {at:,} is as long as its `FMT` says, which is not"
                 )
-                raise damaged_log(self.path, f"{message} what its fields need") from error
+                raise damaged_log_error(self.path, f"{message} what its fields need") from error
 
     def _require_padding(self, head: bytes, file: BinaryIO, at: int) -> None:
-        """Raises D016 where bytes other than erased flash stand behind the last message."""
+        """Raises D016 if the bytes after the last message are not those of erased flash memory."""
         fill, count = head[:1], len(head)
         while fill in PADDING and head == fill * len(head):
             head = file.read(1 << 16)
@@ -197,7 +197,7 @@ class _DataflashReading:
                 note = f"{count:,} bytes of `{fill.hex()}` stand behind its end{torn}"
                 self.facts.notes.append(note)
                 return
-        raise damaged_log(self.path, f"at byte {at:,} stands no message")
+        raise damaged_log_error(self.path, f"at byte {at:,} stands no message")
 
     def text_messages(self, file: BinaryIO) -> Iterator[Arrived]:
         by_name = {form.name: form for form in self.formats.values()}
@@ -206,14 +206,14 @@ class _DataflashReading:
             self.facts.at_byte = file.tell() - len(raw)
             where = f"line {number}"
             if len(raw) > LINE_MAX or b"\0" in raw:
-                raise damaged_log(self.path, f"{where} is longer than any is, or no text")
+                raise damaged_log_error(self.path, f"{where} is longer than any is, or no text")
             if not raw.endswith(b"\n"):
-                raise damaged_log(self.path, f"its last line, {where}, has no end: {NO_END}")
+                raise damaged_log_error(self.path, f"its last line, {where}, has no end: {NO_END}")
             line = _decoded_text(raw).strip()
             name, _, rest = line.partition(",")
             form = by_name.get(name.rstrip())
             if form is None and begun and line and self.wanted is not None:
-                raise damaged_log(self.path, f"{where} is of no kind that a `FMT` says")
+                raise damaged_log_error(self.path, f"{where} is of no kind that a `FMT` says")
             if form is None or self._is_skipped(form):
                 continue
             try:
@@ -222,13 +222,13 @@ class _DataflashReading:
                 values = []
             if not values or self._has_line_inside(values[-1], by_name):
                 text = f"{where} is no `{name}`: {line[:60]}"
-                raise damaged_log(self.path, text)
+                raise damaged_log_error(self.path, text)
             yield from self._take_message(form, values, form.text_content, f"in {where}")
             if name == "FMT":
                 begun, fmt = True, self.formats[values[0]]
                 if by_name.setdefault(fmt.name, fmt).columns != fmt.columns:
                     text = f"the `FMT` in {where} says of `{fmt.name}` what one before it does not"
-                    raise damaged_log(self.path, text)
+                    raise damaged_log_error(self.path, text)
 
     def _has_line_inside(self, cell: Any, by_name: Mapping[str, _Format]) -> bool:  # noqa: ANN401 - as typed
         """Whether a last text of a line contains another line, whose beginning was lost."""
@@ -240,7 +240,7 @@ class _DataflashReading:
         return False
 
     def _is_skipped(self, form: _Format) -> bool:
-        """Whether a pass that reads formats alone skips messages of this format."""
+        """Whether messages of this format are skipped, in a pass that reads only formats."""
         return self.wanted is None and form.name not in ("FMT", "FMTU")
 
     def _take_message(
@@ -250,7 +250,7 @@ class _DataflashReading:
         content: Callable[[Sequence[Any]], dict[str, Any]],
         where: str,
     ) -> Iterator[Arrived]:
-        """Gives a message, but not an unwanted one that does not say when it was written."""
+        """Gives a message, unless it is unwanted and has no time."""
         if form.name == "FMT":
             self._define_format(content(raw), where)
         elif form.name == "FMTU":
@@ -280,22 +280,24 @@ class _DataflashReading:
         try:
             form = _Format(row["Name"], row["Length"], row["Format"], columns)
         except KeyError as error:
-            raise damaged_log(self.path, f"{text}, which are none") from error
+            raise damaged_log_error(self.path, f"{text}, which are none") from error
         if len(columns) != len(form.letters) or form.length < HEAD_BYTES:
-            raise damaged_log(self.path, f"{text}, for {len(columns)} fields")
+            raise damaged_log_error(self.path, f"{text}, for {len(columns)} fields")
         form.instance = None if before is None else before.instance
         if before not in (None, form) or form.name == "FMT":
             text = f"{text}, and one before it something else of its number, or name"
-            raise damaged_log(self.path, text)
+            raise damaged_log_error(self.path, text)
         self.formats[row["Type"]] = form
 
     def _note_instance_field(self, fields: dict[str, Any], where: str) -> None:
         form, units = self.formats.get(fields.get("FmtType", -1)), str(fields.get("UnitIds", ""))
         if self.wanted is not None and (form is None or len(units) != len(form.columns)):
-            raise damaged_log(self.path, f"the `FMTU` {where} fits no kind that a `FMT` says")
+            raise damaged_log_error(self.path, f"the `FMTU` {where} fits no kind that a `FMT` says")
         if form is not None and len(units) == len(form.columns):
             place = units.find("#")
             instance = form.columns[place] if place >= 0 else ""
             if form.instance not in (None, instance):
-                raise damaged_log(self.path, f"two `FMTU` of `{form.name}` contradict each other")
+                raise damaged_log_error(
+                    self.path, f"two `FMTU` of `{form.name}` contradict each other"
+                )
             form.instance = instance

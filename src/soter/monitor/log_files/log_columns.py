@@ -1,11 +1,11 @@
 """Holds the columns of a log, and what the readers of all kinds of files share.
 
 Purpose: `Columns` holds times in ns and cells, row by row, of what a mapping asks for (`Wanted`).
-`unusable` and `damaged_log` make a D016 that says where a file cannot be read. `RowChoice` decides
-whether a cell is what a `where` says, however its file writes it, and keeps the values that stood
-there otherwise. `remedies_for_file` gives help for a file of MATLAB, or one under a wrong name.
-`FileFacts.readable_rows` gives the rows before a damage. `Writers` counts how many values each of
-several nodes, or channels of one name, gave a topic: they are read as one stream.
+`unusable_log_error` and `damaged_log_error` make a D016 that says where a file cannot be read.
+`RowChoice` decides whether a cell is what a `where` says, however its file writes it, and keeps the
+values that stood there otherwise. `remedies_for_file` gives help for a file of MATLAB, or one under
+a wrong name. `FileFacts.readable_rows` gives the rows before a damage. `Writers` counts how many
+values each of several nodes, or channels of one name, gave a topic: they are read as one stream.
 Non-goals: the files (`csv_log.py`, `read_columns.py`), what the cells mean
 (`monitor/typed_samples.py`), a choice by time (`LogMap.covers`), sources of a mapping, of which
 each has a channel.
@@ -50,12 +50,12 @@ REINDEX = "`ros2 bag reindex FOLDER` writes `metadata.yaml` anew"
 class Columns:
     """Rows of a CSV, or messages of a channel: `cells[name][i]` belongs to `times_ns[i]`.
 
-    A cell is a text, or a value of a message; None if it is missing. `stamps_ns[source][i]`: when
-    the row was measured, None if it does not say. `where[i]`: its place in the file, in words.
-    `ends_ns`: when the first and the last record of the log came, of any channel; None: these rows
-    are the whole log. `equal`: how many rows have the time of the row before. `notes`: other
-    findings on the file. `beyond_ns`: how long the file goes on after the last chosen row.
-    `unchecked`: whether no checksum covers a part. `damage`: where only a part could be read.
+    A cell is a text or a message's value, None if missing. `stamps_ns[source][i]`: when the row was
+    measured, or None. `where[i]`: the row's place in the file, in words. `ends_ns`: the times of
+    the log's first and last record on any channel; None if these rows are all of the log. `equal`:
+    how many rows have the time of the row before. `notes`: other findings. `beyond_ns`: for how
+    long the file continues after the last chosen row. `unchecked`: some part has no checksum.
+    `damage`: the damage, if only a part could be read.
     """
 
     times_ns: list[int] = field(default_factory=list)
@@ -89,7 +89,7 @@ class Columns:
 
 @dataclass(frozen=True)
 class FarStamps:
-    """Stamps further from the log's clock than its length; `offset_s`: the furthest, signed."""
+    """Stamps that differ from the log's clock by more than its length; `offset_s`: the furthest."""
 
     samples: int
     offset_s: float
@@ -105,10 +105,10 @@ class FarStamps:
 
 @dataclass
 class FileFacts:
-    """The findings on a file once its messages were read.
+    """The findings on a file, complete once its messages were read.
 
-    `there`: how many messages each channel has; `unchecked`: whether no checksum covers some;
-    `notes`: findings that are no errors; `at_byte` of `size`: the place that is being read;
+    `there`: the number of messages of each channel. `unchecked`: some messages have no checksum.
+    `notes`: findings that are no errors. `at_byte` of `size`: the current place in the file.
     `damage`: the damage at which reading ended.
     """
 
@@ -126,9 +126,9 @@ class FileFacts:
         return self.size
 
     def readable_rows(self, path: Path, rows: Iterable[Row], *, partial: bool) -> Iterator[Row]:
-        """Gives the rows; with `partial` up to the first damage, which is noted here.
+        """Gives the rows; with `partial` up to the first damage, which it notes.
 
-        DamagedLogError where no row stands before it, or nobody asked for a part.
+        Raises DamagedLogError if no row comes before the damage, or without `partial`.
         """
         any_given = False
         try:
@@ -149,7 +149,7 @@ class FileFacts:
 
 @dataclass(frozen=True)
 class Damage:
-    """A damage of a file, in words (`told`), and the share of bytes before it, None if unknown."""
+    """A damage of a file in words (`told`), and the share of bytes before it (None: unknown)."""
 
     told: str
     share: float | None
@@ -163,11 +163,11 @@ class Damage:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a mapping needs of one channel.
+    """The parts of one channel that a mapping needs.
 
-    `optional`: the `names` that lead through a list that may be too short. `message`: the type that
-    its messages must have, None for any. `unnamed`: nobody asks for this channel in particular, so
-    messages that cannot be decoded are left out, with a note.
+    `optional`: the `names` inside a list that may be too short. `message`: the type that its
+    messages must have, None for any. `unnamed`: the mapping does not name this channel, so messages
+    that cannot be decoded are left out, with a note.
     """
 
     names: tuple[str, ...] = ()
@@ -183,7 +183,7 @@ class Wanted:
         )
 
 
-def unusable(path: Path, why: str, *helps: str) -> SoterError:
+def unusable_log_error(path: Path, why: str, *helps: str) -> SoterError:
     """The SoterError D016 for a log that cannot be used."""
     text = f"the log `{path}` cannot be used: {why}"
     return SoterError((Diagnostic("D016", text, helps=tuple(h for h in helps if h)),))
@@ -194,30 +194,30 @@ NO_END = "the autopilot lost power while it wrote, or the file was cut"
 
 @contextmanager
 def opened_log(path: Path) -> Iterator[BinaryIO]:
-    """Opens the file of a log; SoterError D016 where it cannot be read."""
+    """Opens the file of a log; raises SoterError D016 if it cannot be read."""
     try:
         with open_finite_file(path) as file:
             yield file
     except OSError as error:
-        raise unusable(path, reason(error)) from error
+        raise unusable_log_error(path, reason(error)) from error
 
 
-def wrong_format(path: Path, format_name: str) -> SoterError:
-    """The SoterError D016 for a file that does not begin as its name says."""
-    return unusable(path, f"it is no {format_name}", *remedies_for_file(path))
+def wrong_format_error(path: Path, format_name: str) -> SoterError:
+    """The SoterError D016 for a file whose content does not fit the format in its name."""
+    return unusable_log_error(path, f"it is no {format_name}", *remedies_for_file(path))
 
 
 class DamagedLogError(SoterError):
-    """D016 of a file that is cut, or contradicts itself; its rows before that were given."""
+    """D016 for a file that is cut or contradicts itself; its rows before the damage were read."""
 
 
-def damaged_log(path: Path, why: str, *helps: str) -> DamagedLogError:
+def damaged_log_error(path: Path, why: str, *helps: str) -> DamagedLogError:
     """The SoterError D016 for a file that is cut, or contradicts itself."""
-    return DamagedLogError(unusable(path, why, *helps))
+    return DamagedLogError(unusable_log_error(path, why, *helps))
 
 
 def wanted_columns(path: Path, mapping: LogMap, *, table: bool) -> dict[str | None, Wanted]:
-    """What a mapping needs of each channel; a table is the channel None. SoterError D016."""
+    """The needs of a mapping by channel (None: a table). Raises D016 if a channel has two types."""
     by_channel: dict[str | None, Wanted] = {}
     for t in mapping.topics:
         if not t.names:
@@ -226,7 +226,7 @@ def wanted_columns(path: Path, mapping: LogMap, *, table: bool) -> dict[str | No
         before = by_channel.get(key, Wanted())
         names = [*before.names, *t.names, *t.where, *([] if t.frame_id is None else [HEADER_FRAME])]
         if None not in (before.message, t.message) and before.message != t.message and not table:
-            raise unusable(path, f"the mapping gives messages of `{key}` two types")
+            raise unusable_log_error(path, f"the mapping gives messages of `{key}` two types")
         by_channel[key] = Wanted(
             tuple(dict.fromkeys(names)),
             tuple(dict.fromkeys([*before.stamps, *([] if t.stamp is None else [t.stamp])])),
@@ -234,7 +234,9 @@ def wanted_columns(path: Path, mapping: LogMap, *, table: bool) -> dict[str | No
             before.message or t.message,
         )
     if not by_channel:
-        raise unusable(path, "its mapping asks for no column of it: everything is constant")
+        raise unusable_log_error(
+            path, "its mapping asks for no column of it: everything is constant"
+        )
     return by_channel
 
 
@@ -248,7 +250,7 @@ def add_row(
     where: str,
     remedies: tuple[str, ...] = (),
 ) -> None:
-    """Adds a row, in the order of the file; D016 where its time is before the last one's."""
+    """Adds a row in the order of the file; raises D016 if its time is before the last time."""
     last = into.times_ns[-1] if into.times_ns else time_ns
     if time_ns < last:
         between = f"from {seconds_text(last)} s to {seconds_text(time_ns)} s"
@@ -258,7 +260,7 @@ def add_row(
             by += (
                 f" ({seconds_text(last - time_ns + step)} s, had it come as soon as the one before)"
             )
-        raise unusable(path, f"time goes back in {where}, {between}, {by}", *remedies)
+        raise unusable_log_error(path, f"time goes back in {where}, {between}, {by}", *remedies)
     if into.times_ns and time_ns == last:
         into.equal += 1
         into.first_equal = into.first_equal or where
@@ -271,14 +273,14 @@ def add_row(
 
 
 def seconds_text(time_ns: int) -> str:
-    """Writes a time in s; a time since 1970 with every digit."""
+    """A time in s as text; a time since 1970 has all digits."""
     if abs(time_ns) < FIGURES_NS:
         return f"{time_ns / 1e9:.9g}"
     return f"{time_ns // 10**9}.{time_ns % 10**9:09d}"
 
 
 def is_plain_number(number: str) -> bool:
-    """Whether a number is written as logs write it: Python also reads `0_1` and other digits."""
+    """Whether a number is written as in logs; Python would also read `0_1` and other digits."""
     return number.isascii() and "_" not in number
 
 
@@ -297,7 +299,7 @@ DIGITS_MAX = 40
 
 
 def whole_number(cell: object) -> int:
-    """The whole number of a cell, written `1`, `1.0` or `1e3`; ValueError for others."""
+    """The whole number of a cell, written `1`, `1.0` or `1e3`; raises ValueError for others."""
     number = parse_decimal(cell)
     if number is None or number.adjusted() > DIGITS_MAX or number != number.to_integral_value():
         raise ValueError
@@ -316,11 +318,11 @@ def no_time_error(path: Path, cell: object, where: str) -> SoterError:
     """The SoterError D016 for a value that should be a time."""
     text = str(cell).strip()
     help_ = DATES if DATE.match(text) else COMMAS if "," in text else ""
-    return unusable(path, f"`{str(cell)[:40]}` in {where} is no time", help_)
+    return unusable_log_error(path, f"`{str(cell)[:40]}` in {where} is no time", help_)
 
 
 def parsed_time_ns(path: Path, cell: object, unit_ns: Fraction, where: str) -> int:
-    """The time of a cell in ns, exactly as it is written; SoterError D016."""
+    """The time of a cell in ns, exactly as it is written; raises SoterError D016."""
     number = parse_decimal(cell)
     if number is None or abs(number.adjusted()) > 40:
         raise no_time_error(path, cell, where)
@@ -334,14 +336,14 @@ SHOWN = 5
 
 
 class RowChoice:
-    """Chooses the rows in which each column of `where` has its text."""
+    """Chooses the rows that have the demanded text in each column of `where`."""
 
     def __init__(self, where: Mapping[str, str]) -> None:
         self.where = where
         self._seen: dict[str, dict[str, int]] = {name: {} for name in where}
 
     def chooses(self, cell_of: Callable[[str], Any]) -> bool:
-        """Whether a row is chosen; `cell_of` gives its cell by column."""
+        """Whether a row is chosen; `cell_of` maps a column to the row's cell."""
         for name, wanted in self.where.items():
             cell = cell_of(name)
             if not _is_same_value(cell, wanted):
@@ -357,7 +359,7 @@ class RowChoice:
 
     @property
     def seen_values(self) -> list[str]:
-        """Says which values kept rows from being chosen, for each column that did."""
+        """Says, for each column that excluded rows, which values the excluded rows had."""
         texts = []
         for name, seen in self._seen.items():
             values = [f"{value} ({n:,} times)" for value, n in [*seen.items()][:SHOWN]]
@@ -416,7 +418,7 @@ BY_MAGIC = (
 
 
 def remedies_for_file(path: Path) -> tuple[str, ...]:
-    """Says what a file seems to be, where that is known, and which files are read."""
+    """Says what kind of file it seems to be, if known, and which kinds of files can be read."""
     try:
         with open_finite_file(path, pipes=False) as file:
             head = file.read(64)
@@ -442,13 +444,13 @@ class Writers:
         self._offered: dict[str, int] = {}
 
     def note_message(self, channel: str, writer: str) -> None:
-        """Counts a message; `writer`: its node, or what else tells the writers apart."""
+        """Counts a message; `writer` is its node, or another identifier of the writer."""
         self._messages.setdefault(channel, Counter())[writer] += 1
         self._changes[channel] += self._last.setdefault(channel, writer) != writer
         self._last[channel] = writer
 
     def note_publishers(self, channel: str, publishers: int) -> None:
-        """Notes how many publishers a bag of ROS 2 lists for a channel, without their names."""
+        """Notes how many publishers a ROS 2 bag lists for a channel without their names."""
         self._offered[channel] = max(publishers, self._offered.get(channel, 0))
 
     @property

@@ -14,7 +14,12 @@ from collections import Counter
 from typing import TYPE_CHECKING, BinaryIO
 
 from soter.mapping.mavlink_dialects import require_mavlink_package
-from soter.monitor.log_files.log_columns import Writers, damaged_log, opened_log, unusable
+from soter.monitor.log_files.log_columns import (
+    Writers,
+    damaged_log_error,
+    opened_log,
+    unusable_log_error,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,9 +39,9 @@ OLD = 0x55
 
 
 def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Gives messages: time, name and content, None if unwanted. Counts all. D016, D007."""
+    """Gives each message: time, name, content (None: unwanted); counts all; raises D016, D007."""
     if path.suffix.lower() == ".rlog":
-        raise unusable(path, *RAW)
+        raise unusable_log_error(path, *RAW)
     require_mavlink_package()
     from pymavlink.dialects.v20 import all as dialect  # noqa: PLC0415 - an extra
 
@@ -72,10 +77,10 @@ def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
 
 
 class _OddFrames:
-    """Counts frames with a number or a checksum that the dialect `all` does not have.
+    """Counts frames whose number or checksum is not in the dialect `all`.
 
-    If all messages of a name have the checksum of one other dialect, they are of that dialect.
-    Otherwise they are damaged. One that the mapping asks for counts as damaged in any case.
+    If all messages of a name have the checksum of the same other dialect, they belong to it.
+    Otherwise they are damaged. A wanted message counts as damaged in any case.
     """
 
     def __init__(self, path: Path, facts: FileFacts) -> None:
@@ -88,16 +93,16 @@ class _OddFrames:
         """Counts a message whose checksum is right."""
         if name in self._seeds:
             text = f"of the messages of `{name}` before byte {self.facts.at_byte:,} each is damaged"
-            raise damaged_log(self.path, text)
+            raise damaged_log_error(self.path, text)
         self._right.add(name)
 
     def count_wrong(self, name: str, frame: bytearray, why: str, asked: bool) -> None:
-        """Counts a message with a wrong checksum; DamagedLogError if asked for or damaged."""
+        """Counts a message with a wrong checksum; raises DamagedLogError if wanted or damaged."""
         seeds = range(256) if name not in self._seeds else (self._seeds[name],)
         seed = next((s for s in seeds if _has_checksum(frame, s)), None)
         if asked or name in self._right or seed is None:
             message = f"the `{name}` at byte {self.facts.at_byte:,} is damaged: {why[:100]}"
-            raise damaged_log(self.path, message)
+            raise damaged_log_error(self.path, message)
         self._seeds[name] = seed
         self._counts[name] += 1
 
@@ -121,13 +126,13 @@ def _has_checksum(frame: bytearray, seed: int) -> bool:
 
 
 def _read_frames(path: Path, file: BinaryIO, facts: FileFacts) -> Iterator[tuple[int, bytearray]]:
-    """Gives time and bytes of each frame; D016 where one is cut, or no frame stands."""
+    """Gives time and bytes of each frame; raises D016 if a frame is cut, or no frame follows."""
     while stamp := file.read(TIME_BYTES):
         at = facts.at_byte = file.tell() - len(stamp)
         head = file.read(3)
         if len(stamp) == TIME_BYTES and head and head[0] not in AROUND:
             old = "a frame of MAVLink 0.9" if head[0] == OLD else "no frame of MAVLink"
-            raise damaged_log(path, f"at byte {at + TIME_BYTES:,} stands {old}")
+            raise damaged_log_error(path, f"at byte {at + TIME_BYTES:,} stands {old}")
         length = 0
         if len(head) == 3:
             signed = head[0] == NEW and head[2] & SIGNED
@@ -135,5 +140,5 @@ def _read_frames(path: Path, file: BinaryIO, facts: FileFacts) -> Iterator[tuple
         frame = head + file.read(max(0, length - len(head)))
         if not length or len(frame) < length:
             message = f"its last message, at byte {at:,}, has no end"
-            raise damaged_log(path, f"{message}: the recorder died, or the file was cut")
+            raise damaged_log_error(path, f"{message}: the recorder died, or the file was cut")
         yield int.from_bytes(stamp, "big"), bytearray(frame)

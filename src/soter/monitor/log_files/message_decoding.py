@@ -33,7 +33,12 @@ from soter.mapping.message_types import (
     MessageTypes,
     require_ros_package,
 )
-from soter.monitor.log_files.log_columns import Writers, damaged_log, unusable, wrong_format
+from soter.monitor.log_files.log_columns import (
+    Writers,
+    damaged_log_error,
+    unusable_log_error,
+    wrong_format_error,
+)
 from soter.report.bounded_unpack import TooLargeError
 from soter.report.mcap_log import MAGIC
 from soter.report.mcap_reading import DamagedMcapError, McapRecords, require_log_package
@@ -61,7 +66,7 @@ OPERATORS = set('*/%^|&~"')
 
 
 def is_plain_idl(text: str) -> bool:
-    """Whether nothing in a text of IDL is nested deeply or calculated."""
+    """Whether a text of IDL has no deep nesting and no computed values."""
     parentheses = angles = values = 0
     before = ""
     for match in TOKEN.finditer(text):
@@ -106,7 +111,7 @@ class UndecodableError(ValueError):
 def tolerant_decoder(
     make: Callable[[], Callable[[bytes], Any]], wanted: Wanted, facts: FileFacts
 ) -> Callable[[bytes], Any]:
-    """The decoder that `make` makes; on a channel that nobody names it gives None on failure."""
+    """Gives the decoder of `make`; on a channel that is not named, a failure becomes None."""
     if not wanted.unnamed:
         return make()
     made: list[Callable[[bytes], Any]] = []
@@ -135,7 +140,7 @@ def ros2_name(name: str) -> str:
 
 
 def require_type(channel: str, name: str, wanted: MessageType | None) -> None:
-    """Raises UndecodableError where messages are of another type than the mapping says."""
+    """Raises UndecodableError if messages have another type than the mapping says."""
     if wanted is not None and ros1_name(name) != wanted.ros1:
         shown = f"messages of `{channel}` are `{ros1_name(name)[:80]}`"
         raise UndecodableError(f"{shown}, and the mapping says `{wanted.ros1}`")
@@ -163,22 +168,22 @@ def find_definitions(text: str, name: str, form: Format) -> Definitions:
 
 
 def _idl_files(text: str) -> list[str]:
-    """The files of which a definition is made, without their heads and `#include` lines."""
+    """The texts of the IDL files in a definition, without heads and `#include` lines."""
     files = [text]
     if text.startswith(IDL_SEPARATOR):
         files = [part.partition("\n")[2] for part in text.split(IDL_SEPARATOR)[1:]]
     return [INCLUDE.sub("", part) for part in files]
 
 
-def known_definitions(wanted: MessageType | None, ros: int) -> Definitions:
-    """The definitions for a log without any: those of the mapping, or the standard ones."""
+def default_definitions(wanted: MessageType | None, ros: int) -> Definitions:
+    """The definitions for a log that has none: the mapping's, or else the standard ones."""
     return wanted.definitions[ros] if wanted is not None else MessageTypes().definitions[ros]
 
 
 def message_decoder(
     name: str, definitions: Definitions, encoding: Literal["cdr", "ros1"]
 ) -> Callable[[bytes], Any]:
-    """Gives the function from bytes to a message; both raise UndecodableError."""
+    """Gives the function from bytes to a message; like this one, it may raise UndecodableError."""
     from rosbags.typesys.store import Typestore  # noqa: PLC0415 - an extra
 
     full = ros2_name(name)
@@ -201,7 +206,7 @@ def message_decoder(
 
 
 def _needed_types(full: str, definitions: Definitions) -> Definitions:
-    """The types that a message is made of, without constants; UndecodableError if harmful."""
+    """The types in a message, without constants; raises UndecodableError if large or endless."""
     sizes: dict[str, tuple[int, int]] = {}
     _measure_type(full, definitions, sizes, ())
     if sum(len(definitions[name][1]) for name in sizes) > FIELDS_MAX:
@@ -212,7 +217,7 @@ def _needed_types(full: str, definitions: Definitions) -> Definitions:
 def _measure_type(
     name: str, definitions: Definitions, sizes: dict[str, tuple[int, int]], inside: tuple[str, ...]
 ) -> tuple[int, int]:
-    """How many primitives and messages a type has, and its least bytes; raises UndecodableError."""
+    """A type's number of primitives and messages, and its least bytes; raises UndecodableError."""
     if name in sizes:
         return sizes[name]
     if name not in definitions or not TYPE_NAME.fullmatch(name):
@@ -265,7 +270,7 @@ READ = "json, cdr, ros1 and protobuf are read"
 
 
 def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Gives messages: log time, channel, content (None: unwanted). Counts all. D016, D007."""
+    """Gives each message: log time, channel, content (None: unwanted); raises D016, D007."""
     require_log_package()
     try:
         with open_finite_file(path) as file:
@@ -274,18 +279,18 @@ def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
     except SoterError:
         raise
     except (TooLargeError, UndecodableError) as error:
-        raise unusable(path, str(error)) from error
+        raise unusable_log_error(path, str(error)) from error
     except DamagedMcapError as error:
-        raise damaged_log(path, str(error), error.remedy) from error
+        raise damaged_log_error(path, str(error), error.remedy) from error
     except OSError as error:
-        raise unusable(path, reason(error)) from error
+        raise unusable_log_error(path, reason(error)) from error
     except Exception as error:
-        raise damaged_log(path, words_of_damage(error)) from error
+        raise damaged_log_error(path, words_of_damage(error)) from error
 
 
 def _require_mcap(path: Path, file: BinaryIO) -> None:
     if file.read(len(MAGIC)) != MAGIC:
-        raise wrong_format(path, "MCAP")
+        raise wrong_format_error(path, "MCAP")
     file.seek(0)
 
 
@@ -333,7 +338,7 @@ class _McapReading:
         if schema is None and wanted is not None:
             name, definitions = (
                 wanted.ros2,
-                known_definitions(wanted, 2 if encoding == "cdr" else 1),
+                default_definitions(wanted, 2 if encoding == "cdr" else 1),
             )
         elif schema is None or schema.encoding not in ROS_SCHEMAS:
             why = "no schema" if schema is None else f"a schema in `{schema.encoding[:40]}`"

@@ -28,7 +28,7 @@ from soter.monitor.log_files.log_columns import (
     add_row,
     parsed_time_ns,
     seconds_text,
-    unusable,
+    unusable_log_error,
     wanted_columns,
 )
 from soter.monitor.log_files.mavlink_log import mavlink_messages
@@ -49,7 +49,7 @@ SECONDS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "
 
 
 class NoPartError(Exception):
-    """A message has no such part; `beyond`: as a list on the path is too short."""
+    """A message has no part with this name; `beyond`: a list on the path is too short."""
 
     def __init__(self, part: str, known: Iterable[str], *, beyond: bool = False) -> None:
         super().__init__(part)
@@ -61,7 +61,7 @@ class NoTimeError(Exception):
 
 
 def message_part(message: Any, name: str) -> Any:  # noqa: ANN401 - what a message has
-    """The part of a message at a path; None where protobuf has it unset. Raises NoPartError."""
+    """The part of a message at a path; None if protobuf has not set it. Raises NoPartError."""
     current, is_set = message, True
     for part in name.split("."):
         is_set = is_set and _has_value(current, part)
@@ -77,7 +77,7 @@ def message_part(message: Any, name: str) -> Any:  # noqa: ANN401 - what a messa
 
 
 def read_time_ns(stamp: Any) -> int:  # noqa: ANN401 - the same
-    """Joins the seconds and nanoseconds of a time, in ns; raises NoTimeError."""
+    """Gives a time in ns from its seconds and nanoseconds; raises NoTimeError if it is none."""
     for names in SECONDS:
         try:
             seconds, rest = (message_part(stamp, n) for n in names)
@@ -152,7 +152,7 @@ UNSORTED = (
 def read_messages(
     path: Path, mapping: LogMap, wanted: dict[str | None, Wanted], *, partial: bool = False
 ) -> dict[str | None, Columns]:
-    """Reads each wanted channel; `partial`: of a damaged file up to the damage. SoterError D016."""
+    """Reads each wanted channel; `partial`: reads a damaged file up to the damage. Raises D016."""
     by_channel = _wanted_channels(path, mapping, wanted)
     columns_by_channel: dict[str | None, Columns] = {
         k: w.empty_columns() for k, w in wanted.items()
@@ -191,7 +191,7 @@ def read_messages(
             hints = (
                 choice.seen_values if name in facts.there else [nearest_or_all(name, facts.there)]
             )
-            raise unusable(path, f"no message that counts stands on `{name}`", *hints)
+            raise unusable_log_error(path, f"no message that counts stands on `{name}`", *hints)
     ends, beyond_ns, notes = _ends_and_notes(mapping, counted, others)
     for columns in columns_by_channel.values():
         columns.ends_ns, columns.beyond_ns = ends, beyond_ns
@@ -206,7 +206,7 @@ TWO_ORDERS = "{} has two orders, {} and {}, and joints are taken by number: `whe
 
 
 def _note_order(message: Any, asked: Wanted, channel: str, orders: dict[str, list[str]]) -> None:  # noqa: ANN401 - what a message has
-    """Notes the first two orders of joint names, unless the mapping chooses one."""
+    """Notes the first two orders of joint names, unless the mapping chooses a joint by name."""
     for path in {f"{m[1]}name" for name in asked.names if (m := ELEMENT.fullmatch(name))}:
         with suppress(NoPartError, TypeError):
             seen = orders.setdefault(f"`{path}` of `{channel}`", [])
@@ -218,7 +218,7 @@ def _note_order(message: Any, asked: Wanted, channel: str, orders: dict[str, lis
 def _ends_and_notes(
     mapping: LogMap, counted: list[tuple[int, int]], others: list[tuple[int, str]]
 ) -> tuple[tuple[int, int], int, list[str]]:
-    """The begin and end of the log, the ns that other channels go on after it, notes on these."""
+    """The begin and end of the log, the ns for which other channels continue, and notes."""
     near, notes = _near_times(counted, others)
     file_ends = _begin_and_end(counted, near)
     ends = _begin_and_end(counted, []) if mapping.where else file_ends
@@ -232,15 +232,15 @@ def _ends_and_notes(
 def _wanted_channels(
     path: Path, mapping: LogMap, wanted: dict[str | None, Wanted]
 ) -> dict[str, Wanted]:
-    """The wanted columns by channel; SoterError D016 where a mapped topic names no channel."""
+    """The needs of a mapping by channel; raises D016 if the mapping of a topic names no channel."""
     for t in mapping.topics:
         if None in wanted and t.names and t.channel is None:
-            raise unusable(path, f"the mapping of `{t.topic.name}` names no `channel`")
+            raise unusable_log_error(path, f"the mapping of `{t.topic.name}` names no `channel`")
     return {str(k): w for k, w in wanted.items()}
 
 
 class _TimeOrder:
-    """Notes where times go back from one channel to another, in the order of the file."""
+    """Notes the times that are before the last ones, in the order of messages in the file."""
 
     def __init__(self) -> None:
         self.latest_ns: int | None = None
@@ -268,10 +268,10 @@ class _TimeOrder:
 def _near_times(
     counted: list[tuple[int, int]], others: list[tuple[int, str]]
 ) -> tuple[list[int], list[str]]:
-    """The log times of other channels in the log's clock, and notes on channels of another clock.
+    """The log times of other channels in the log's clock, and notes on channels of other clocks.
 
-    A channel has another clock if its times are further from the log than the log is long, and
-    than an hour. A sensor that fell silent does not end the log.
+    A channel has another clock if its times are further from the log than the log's length and than
+    an hour. A sensor that fell silent does not end the log.
     """
     first, last = min(counted)[0], max(counted)[0]
     near: list[int] = []
@@ -295,8 +295,8 @@ def _near_times(
 def _begin_and_end(counted: list[tuple[int, int]], others: list[int]) -> tuple[int, int]:
     """The begin and end of the log, in the clock of the messages that count.
 
-    counted: log time and time of each; others: log times of messages on other channels, whose
-    clocks are taken to be as far off as that of the next message that counts.
+    counted: log time and time of each message; others: log times on other channels. The clock of a
+    time in `others` is taken to be as far off as that of the next message that counts.
     """
     times = [now for _, now in counted]
     (first, begin), (last, end) = min(counted), max(counted)
@@ -317,7 +317,7 @@ READERS = {
 
 
 def channel_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Gives every message of the wanted channels; `facts` counts those of every channel."""
+    """Gives every message of the wanted channels; `facts` counts the messages of all channels."""
     if is_bag(path):
         return bag_messages(path, wanted, facts)
     require_no_split(path)
@@ -325,14 +325,16 @@ def channel_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
 
 
 def _message_time_ns(path: Path, mapping: LogMap, arrived: Arrived, where: str) -> int:
-    """The time for which a message counts: its log time, or the one that the mapping names."""
+    """The time of a message for the mapping: its log time, or the time that the mapping names."""
     log_ns, publish_ns, _, message = arrived
     name = mapping.time
     if name in (None, LOG_TIME):
         return log_ns
     if name == PUBLISH_TIME:
         if publish_ns is None:
-            raise unusable(path, f"`time` is `{name}`, which a bag has not: an MCAP has", OF_ALL)
+            raise unusable_log_error(
+                path, f"`time` is `{name}`, which a bag has not: an MCAP has", OF_ALL
+            )
         return publish_ns
     stamp = _field_of_message(path, message, str(name), where, False, OF_ALL)
     if isinstance(stamp, (int, float, str)):
@@ -340,9 +342,9 @@ def _message_time_ns(path: Path, mapping: LogMap, arrived: Arrived, where: str) 
     try:
         now = read_time_ns(stamp)
     except NoTimeError as error:
-        raise unusable(path, f"`{name}` in {where} is no time", OF_ALL) from error
+        raise unusable_log_error(path, f"`{name}` in {where} is no time", OF_ALL) from error
     if mapping.time_ns != SECOND_NS:
-        raise unusable(path, f"`{name}` in {where} is a time by itself: it has no `unit`")
+        raise unusable_log_error(path, f"`{name}` in {where} is a time by itself: it has no `unit`")
     return now
 
 
@@ -354,14 +356,14 @@ def _field_of_message(
     optional: bool = False,
     *helps: str,
 ) -> Any:  # noqa: ANN401 - the same
-    """A field of a message, as `position.x` or `q.0`; None where it is too far into a list."""
+    """A field of a message, such as `position.x` or `q.0`; None if a list is too short for it."""
     try:
         return message_part(message, name)
     except NoPartError as error:
         if optional and error.beyond:
             return None
         help_ = nearest_or_all(error.part, error.known)
-        raise unusable(path, f"{where} has no `{name}`", help_, *helps) from error
+        raise unusable_log_error(path, f"{where} has no `{name}`", help_, *helps) from error
 
 
 def _stamp_ns(path: Path, message: Any, source: StampSource, where: str) -> int | None:  # noqa: ANN401 - the same
@@ -375,7 +377,9 @@ def _stamp_ns(path: Path, message: Any, source: StampSource, where: str) -> int 
     except NoTimeError as error:
         shown = f"`{source.path}` in {where}"
         help_ = f'of a number the mapping says the unit: {{ from = "{source.path}", unit = "us" }}'
-        raise unusable(path, f"{shown} is no time of seconds and nanoseconds", help_) from error
+        raise unusable_log_error(
+            path, f"{shown} is no time of seconds and nanoseconds", help_
+        ) from error
 
 
 CLOCKS = "several CSVs are one log where their times are of one clock: `[time]` of the mapping"
@@ -384,10 +388,9 @@ CLOCKS = "several CSVs are one log where their times are of one clock: `[time]` 
 def read_columns(
     log: Path | Sequence[Path], mapping: LogMap, *, partial: bool = False
 ) -> dict[str | None, Columns]:
-    """The columns of each channel of a mapping; a lone CSV is channel None. SoterError D016, D007.
+    """The columns of each channel of a mapping; a single CSV is channel None. Raises D016, D007.
 
-    Of several CSVs each is a channel, under its name in the mapping. `partial`: a damaged file is
-    read up to the damage.
+    If several CSVs are read, each is a channel. `partial`: a damaged file is read up to the damage.
     """
     paths = [log] if isinstance(log, Path) else [*log]
     path = paths[0]
@@ -395,7 +398,7 @@ def read_columns(
         for leaf_path, leaf in t.leaves.items():
             if isinstance(leaf, NearestSource):
                 why = "is what is nearest in a scan, which a robot can take and a log cannot give"
-                raise unusable(path, f"`{t.leaf_name(leaf_path)}` {why}")
+                raise unusable_log_error(path, f"`{t.leaf_name(leaf_path)}` {why}")
     table = len(paths) == 1 and is_csv(path)
     wanted = wanted_columns(path, mapping, table=table)
     if table:
@@ -409,7 +412,9 @@ def read_columns(
     times = [t for c in columns.values() for t in (c.times_ns[0], c.times_ns[-1])]
     if min(times) == max(times) and any(c.equal for c in columns.values()):
         message = f"time stands still: all that counts is of {seconds_text(times[0])} s"
-        raise unusable(path, message, "`[time] from` names another time: docs/mapping.md, Logs")
+        raise unusable_log_error(
+            path, message, "`[time] from` names another time: docs/mapping.md, Logs"
+        )
     return columns
 
 
@@ -418,7 +423,9 @@ def _columns_of_files(
 ) -> dict[str | None, Columns]:
     other = next((p for p in paths if not is_csv(p)), None)
     if other is not None:
-        raise unusable(other, "of several files that are one log each is a CSV, and this is none")
+        raise unusable_log_error(
+            other, "of several files that are one log each is a CSV, and this is none"
+        )
     columns: dict[str | None, Columns] = {}
     for channel, asked in wanted.items():
         meant = [p for p in paths if fnmatchcase(p.name, channel or "")]
@@ -427,11 +434,13 @@ def _columns_of_files(
             text = f"a topic has the `channel` {channel}" if channel else "a topic has no `channel`"
             help_ = "the `channel` of a topic is the name of one of them; `*` stands for any text; "
             help_ += "several CSVs are one log: of several runs give one at a time"
-            raise unusable(paths[0], f"{text}, and {len(meant)} of {names} are called so", help_)
+            raise unusable_log_error(
+                paths[0], f"{text}, and {len(meant)} of {names} are called so", help_
+            )
         columns[channel] = read_csv(meant[0], mapping, asked, partial=partial)
     begins, ends = zip(*(c.log_ns for c in columns.values()), strict=True)
     if max(begins) > min(ends):
         late = max(columns, key=lambda k: columns[k].log_ns[0])
         text = f"`{late}` begins at {seconds_text(max(begins))} s, when another one has ended"
-        raise unusable(paths[0], f"{text}, at {seconds_text(min(ends))} s", CLOCKS)
+        raise unusable_log_error(paths[0], f"{text}, at {seconds_text(min(ends))} s", CLOCKS)
     return columns

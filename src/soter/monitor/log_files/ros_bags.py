@@ -18,7 +18,12 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import open_finite_file, read_bytes
 from soter.mapping.message_types import require_ros_package
-from soter.monitor.log_files.log_columns import REINDEX, damaged_log, remedies_for_file, unusable
+from soter.monitor.log_files.log_columns import (
+    REINDEX,
+    damaged_log_error,
+    remedies_for_file,
+    unusable_log_error,
+)
 from soter.monitor.log_files.message_decoding import UndecodableError, mcap_messages
 from soter.report.bounded_unpack import unpack_file
 
@@ -40,9 +45,9 @@ ROS1_MAGIC = b"#ROSBAG V2.0\n"
 
 @dataclass(frozen=True)
 class _Bag2:
-    """The files of a bag of ROS 2, by its metadata; `packed`: "", "file" or "message".
+    """The files of a ROS 2 bag, from its metadata; `packed` is "", "file" or "message".
 
-    `counts`: the numbers of messages by topic; under None that of all.
+    `counts` has the number of messages of each topic, and under None the number of all.
     """
 
     files: tuple[Path, ...]
@@ -62,7 +67,7 @@ def is_bag(path: Path) -> bool:
 
 
 def _paths_of_file(path: Path) -> Iterator[Path]:
-    """A file by its own path, and by its target's if it is a link."""
+    """The path of a file, and the path of its target if the file is a link."""
     yield from dict.fromkeys((path, Path(os.path.realpath(path))))
 
 
@@ -74,9 +79,9 @@ def _has_bag_metadata(path: Path) -> bool:
 
 
 def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Gives the time of arrival, channel and content of each message; content None if unwanted.
+    """Gives arrival time, channel and content of each message; content None if unwanted.
 
-    `facts` counts the messages of the wanted channels, and names the others. SoterError D016, D007.
+    `facts` counts messages of wanted channels, and names others. Raises SoterError D016, D007.
     """
     require_ros_package()
     from soter.monitor.log_files.bag_files import (  # noqa: PLC0415 - an extra
@@ -96,21 +101,23 @@ def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Ite
     except SoterError:
         raise
     except ContradictionError as error:
-        raise damaged_log(path, str(error), error.remedy) from error
+        raise damaged_log_error(path, str(error), error.remedy) from error
     except UndecodableError as error:
-        raise unusable(path, str(error)) from error
+        raise unusable_log_error(path, str(error)) from error
     except OSError as error:
-        raise unusable(path, reason(error)) from error
+        raise unusable_log_error(path, reason(error)) from error
     except Exception as error:
         message = str(error)[:200] if _has_text_for_people(error) else ""
         help_ = REMEDY1 if path.suffix.lower() == ".bag" else ""
-        raise damaged_log(path, message or "it is no bag of ROS, or damaged", help_) from error
+        raise damaged_log_error(
+            path, message or "it is no bag of ROS, or damaged", help_
+        ) from error
 
 
 def _bag_of_file(path: Path) -> _Bag2:
-    """The bag of a file given alone; its counts are known where metadata beside it name it.
+    """The bag of a single file, with counts if metadata beside the file name it.
 
-    SoterError D016 where they name other files: the file is a part, or of another bag.
+    Raises SoterError D016 if the metadata name other files, since the file is then a part of a bag.
     """
     require_no_split(path)
     storage = "mcap" if path.suffix.lower() == ".mcap" else "sqlite3"
@@ -123,7 +130,7 @@ def _bag_of_file(path: Path) -> _Bag2:
         if bag.storage == storage:
             others = [file.name for file in bag.files if file.name != each.name]
             more = f" and {len(others) - 1:,} more" if len(others) > 1 else ""
-            raise unusable(
+            raise unusable_log_error(
                 path, f"its `{METADATA}` names `{others[0]}`{more}, too", _folder_advice(each)
             )
     return _Bag2((path,), storage)
@@ -135,7 +142,7 @@ def _folder_advice(part: Path) -> str:
 
 
 def require_no_split(path: Path) -> None:
-    """Raises SoterError D016 where other parts of its bag lie beside a file given alone."""
+    """Raises SoterError D016 for a single file if other parts of its bag are beside it."""
     for each in _paths_of_file(path):
         split = SPLIT.fullmatch(each.name)
         if split is None:
@@ -154,13 +161,15 @@ def require_no_split(path: Path) -> None:
         if others:
             more = f" and {len(others) - 1} more" if len(others) > 1 else ""
             why = f"it is a part of a bag: `{others[0]}`{more} beside it is another"
-            raise unusable(path, why, _folder_advice(each))
+            raise unusable_log_error(path, why, _folder_advice(each))
 
 
 def _require_ros1(path: Path) -> None:
     with open_finite_file(path, pipes=False) as file:
         if file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
-            raise unusable(path, "it is no bag of ROS 1, version 2.0", *remedies_for_file(path))
+            raise unusable_log_error(
+                path, "it is no bag of ROS 1, version 2.0", *remedies_for_file(path)
+            )
 
 
 def _has_text_for_people(error: Exception) -> bool:
@@ -194,7 +203,7 @@ def _ros2_messages(bag: _Bag2, wanted: dict[str, Wanted], facts: FileFacts) -> I
 
 
 def _bag_by_metadata(path: Path) -> _Bag2:
-    """Gives the bag whose files the metadata of a folder name; SoterError D016."""
+    """Gives the bag whose files the metadata of a folder name; raises SoterError D016."""
     from ruamel.yaml import YAML  # noqa: PLC0415 - comes with rosbags
     from ruamel.yaml.error import YAMLError  # noqa: PLC0415 - the same
 
@@ -205,7 +214,9 @@ def _bag_by_metadata(path: Path) -> _Bag2:
         text = read_bytes(file, METADATA_MAX).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         why = reason(error) if isinstance(error, OSError) else "it is not UTF-8"
-        raise unusable(path, f"its `{METADATA}` cannot be read: {why}", REINDEX) from error
+        raise unusable_log_error(
+            path, f"its `{METADATA}` cannot be read: {why}", REINDEX
+        ) from error
     try:
         information = YAML(typ="safe").load(text)[MARK]
         names, storage = information["relative_file_paths"], information["storage_identifier"]
@@ -213,29 +224,31 @@ def _bag_by_metadata(path: Path) -> _Bag2:
         form = str(information.get("compression_format") or "")
         counts = message_counts(information)
     except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
-        raise unusable(path, f"its `{METADATA}` is none of a bag", REINDEX) from error
+        raise unusable_log_error(path, f"its `{METADATA}` is none of a bag", REINDEX) from error
     packed = _packed_unit(path, storage, mode, form)
     if not isinstance(names, list) or not 0 < len(names) <= FILES_MAX:
-        raise unusable(path, f"its `{METADATA}` names no files")
+        raise unusable_log_error(path, f"its `{METADATA}` names no files")
     if not all(isinstance(n, str) and _is_file_name(PurePosixPath(n).name) for n in names):
-        raise unusable(path, f"its `{METADATA}` names a file that can be none of it")
+        raise unusable_log_error(path, f"its `{METADATA}` names a file that can be none of it")
     files = tuple(path / PurePosixPath(n).name for n in names)
     _require_all_named(path, files, STORAGES[storage])
     return _Bag2(files, storage, packed, counts)
 
 
 def _packed_unit(path: Path, storage: object, mode: str, form: str) -> str:
-    """The unit that a bag compresses: "file", "message", or "" for none; SoterError D016."""
+    """The unit that a bag compresses: "file", "message", or "" for none; raises SoterError D016."""
     if storage not in STORAGES:
-        raise unusable(
+        raise unusable_log_error(
             path, f"it is stored as `{str(storage)[:40]}`: {', '.join(STORAGES)} are read"
         )
     packed = "" if mode in ("", "none") else mode
     if packed not in ("", "file", "message") or (packed and form != "zstd"):
-        raise unusable(path, f"it is packed by `{form[:40]}`, mode `{mode[:40]}`: zstd is read")
+        raise unusable_log_error(
+            path, f"it is packed by `{form[:40]}`, mode `{mode[:40]}`: zstd is read"
+        )
     if (storage, packed) == ("mcap", "message"):
         text = "its messages are packed one by one, which is read of sqlite3 only"
-        raise unusable(path, text, "`ros2 bag convert` writes one that is not")
+        raise unusable_log_error(path, text, "`ros2 bag convert` writes one that is not")
     return packed
 
 
@@ -248,7 +261,7 @@ def _require_all_named(path: Path, files: tuple[Path, ...], kind: str) -> None:
     for each in sorted(path.iterdir()):
         if each.name.endswith(ends) and each.name not in named:
             why = f"`{each.name}` lies in it, and its `{METADATA}` does not name it"
-            raise unusable(path, why, f"{REINDEX}; or move the file away")
+            raise unusable_log_error(path, why, f"{REINDEX}; or move the file away")
 
 
 def _is_file_name(name: str) -> bool:

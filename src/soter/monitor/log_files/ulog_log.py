@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from soter.monitor.log_files.log_columns import (
     NO_END,
     Writers,
-    damaged_log,
+    damaged_log_error,
     opened_log,
-    wrong_format,
+    wrong_format_error,
 )
 
 if TYPE_CHECKING:
@@ -46,8 +46,8 @@ CONTROLS = {*range(32)} - {*b"\t\n\r\x1b"}
 SYNC = bytes.fromhex("2f731320250cbb12")
 
 
-def _fits_other_kind(kind: int, body: bytes) -> bool:
-    """Whether a message body is valid for its kind, one of those that hold no values of a topic."""
+def _is_valid_body(kind: int, body: bytes) -> bool:
+    """Whether a message body is valid for its kind, which must be a kind without topic values."""
     if kind in b"LC":
         begin = 9 if kind == ord("L") else 11
         return len(body) >= begin and body[0] in b"01234567" and not {*body[begin:]} & CONTROLS
@@ -64,7 +64,7 @@ def _fits_other_kind(kind: int, body: bytes) -> bool:
 
 @dataclass(frozen=True)
 class _Field:
-    """A field; `count`: its elements, 0 if no array; `inner`: the fields of a nested format."""
+    """A field; `count`: its elements, 0 if no array; `inner`: the fields inside a nested format."""
 
     name: str
     code: str
@@ -74,7 +74,7 @@ class _Field:
 
     @property
     def struct_codes(self) -> str:
-        """The codes of `struct` for the field."""
+        """The format codes of `struct` for the field."""
         if self.inner is not None:
             return "".join(f.struct_codes for f in self.inner) * max(1, self.count)
         return f"{self.count or 1}s" if self.code == "s" else self.code * max(1, self.count)
@@ -84,10 +84,10 @@ class _Field:
         if self.code == "s":
             return next(values).partition(b"\0")[0].decode("utf-8", "replace")
         if self.count:
-            return [self._read_one(values) for _ in range(self.count)]
-        return self._read_one(values)
+            return [self._read_element(values) for _ in range(self.count)]
+        return self._read_element(values)
 
-    def _read_one(self, values: Iterator[Any]) -> Any:  # noqa: ANN401 - the same
+    def _read_element(self, values: Iterator[Any]) -> Any:  # noqa: ANN401 - the same
         return next(values) if self.inner is None else _content_by_name(self.inner, values)
 
 
@@ -99,7 +99,7 @@ def _content_by_name(fields: tuple[_Field, ...], values: Iterator[Any]) -> dict[
 
 @dataclass(frozen=True)
 class _Topic:
-    """The topic logged under an id: `name` with its instance; end padding may be left out."""
+    """The topic with a certain id; `name` has its instance; padding at the end may be absent."""
 
     name: str
     fields: tuple[_Field, ...]
@@ -109,7 +109,7 @@ class _Topic:
 
     @classmethod
     def from_fields(cls, name: str, fields: tuple[_Field, ...]) -> _Topic:
-        """The topic of these fields; ValueError where no `timestamp` is among them."""
+        """The topic with these fields; raises ValueError if no field is named `timestamp`."""
         longest = sum(f.size for f in fields)
         while fields and fields[-1].name.startswith("_padding"):
             fields = fields[:-1]
@@ -126,11 +126,11 @@ class _Topic:
 
 
 def ulog_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Gives messages: time, topic and content, None if unwanted. Counts all. SoterError D016."""
+    """Gives each message: time, topic, content (None: unwanted); counts all; raises D016."""
     facts.unchecked = True
     with opened_log(path) as file:
         if file.read(len(ULOG_MAGIC)) != ULOG_MAGIC:
-            raise wrong_format(path, "ULog")
+            raise wrong_format_error(path, "ULog")
         yield from _UlogReading(path, file, wanted, facts).messages()
 
 
@@ -150,7 +150,7 @@ class _UlogReading:
 
     def messages(self) -> Iterator[Arrived]:
         if len(self.file.read(HEADER_BYTES)) < HEADER_BYTES:
-            raise damaged_log(self.path, f"its head has no end: {NO_END}")
+            raise damaged_log_error(self.path, f"its head has no end: {NO_END}")
         while (found := self._next_message()) is not None:
             kind, body = found
             try:
@@ -160,14 +160,16 @@ class _UlogReading:
                     self._note_definition(kind, body)
             except (ValueError, KeyError, IndexError, struct.error) as error:
                 shown = f"the message of kind `{chr(kind)}` at byte {self.facts.at_byte:,}"
-                raise damaged_log(self.path, f"{shown} is none that its formats allow") from error
+                raise damaged_log_error(
+                    self.path, f"{shown} is none that its formats allow"
+                ) from error
         if self.lost:
             text = f"the recorder could not keep up {self.lost:,} times, for {self.lost_ms:,} ms"
             self.facts.notes.append(f"{text} in all: messages are missing there")
         self.facts.notes += self.writers.notes
 
     def _next_message(self) -> tuple[int, bytes] | None:
-        """Gives kind and body of the next message, None at the end; D016 where it is cut."""
+        """Gives kind and body of the next message, None at the end; raises D016 if it is cut."""
         at = self.facts.at_byte = self.file.tell()
         head = self.file.read(HEAD.size)
         if not head:
@@ -178,20 +180,22 @@ class _UlogReading:
             if at + HEAD.size < self.appended[0] and not self._may_begin_message(
                 length, kind, begun
             ):
-                raise damaged_log(self.path, f"at byte {at:,} stands no message")
+                raise damaged_log_error(self.path, f"at byte {at:,} stands no message")
             note = f"it was cut at byte {at:,} by a crash, and what was written after it is read"
             self.facts.notes.append(note)
             self.file.seek(self.appended.pop(0))
             return self._next_message()
         body = self.file.read(length)
         if len(head) < HEAD.size or len(body) < length:
-            raise damaged_log(self.path, f"its last message, at byte {at:,}, has no end: {NO_END}")
+            raise damaged_log_error(
+                self.path, f"its last message, at byte {at:,}, has no end: {NO_END}"
+            )
         if not (kind and length):
-            raise damaged_log(self.path, f"at byte {at:,} stands no message")
+            raise damaged_log_error(self.path, f"at byte {at:,} stands no message")
         return kind, body
 
     def _data_messages(self, body: bytes) -> Iterator[Arrived]:
-        """Gives a wanted message; of an unwanted one only the time, if it is later than before."""
+        """Gives a wanted message; for an unwanted one, only its time, if it is the latest time."""
         number = int.from_bytes(body[:2], "little")
         topic = self.topics[number]
         if not topic.may_have_length(len(body)):
@@ -208,14 +212,14 @@ class _UlogReading:
             yield time_us * 1000, None, topic.name, None
 
     def _may_begin_message(self, length: int, kind: int, begun: bytes) -> bool:
-        """Whether `begun` may be the start of a message of this kind and length that was cut."""
+        """Whether `begun` may be the start of a cut message of this kind and length."""
         if kind != ord("D") or len(begun) < 2:
             return kind in b"DFAROIMPQLCS"
         topic = self.topics.get(int.from_bytes(begun[:2], "little"))
         return topic is not None and topic.may_have_length(length)
 
     def _note_definition(self, kind: int, body: bytes) -> None:
-        """Takes note of a message without data; ValueError and the like where it is malformed."""
+        """Notes the content of a message without data; raises ValueError or similar if wrong."""
         if kind == ord("F"):
             name, _, fields = body.decode("ascii").partition(":")
             declarations = (f"{name} _", *fields.rstrip(";").split(";"))
@@ -231,11 +235,11 @@ class _UlogReading:
             self._note_appended_data(body)
         elif kind == ord("O"):
             self.lost, self.lost_ms = self.lost + 1, self.lost_ms + struct.unpack("<H", body)[0]
-        elif not _fits_other_kind(kind, body):
+        elif not _is_valid_body(kind, body):
             raise ValueError
 
     def _note_topic_id(self, body: bytes) -> None:
-        """Notes which topic an id stands for; ValueError where it stands for another already."""
+        """Notes the topic of an id; raises ValueError if the id is already another topic's."""
         instance, number = struct.unpack_from("<BH", body)
         name = body[3:].decode("ascii")
         channel = f"{name}#{instance}" if instance else name
@@ -245,22 +249,24 @@ class _UlogReading:
         self.facts.there.setdefault(channel, 0)
 
     def _note_appended_data(self, body: bytes) -> None:
-        """Takes note of where data were appended; SoterError for a newer kind of ULog."""
+        """Notes the places of appended data; raises SoterError for a newer kind of ULog."""
         ahead, *offsets = struct.unpack("<8x8s3Q", body[:40])
         if ahead[0] & ~1 or any(ahead[1:]):
-            raise wrong_format(self.path, "ULog of a kind that this version knows, but a newer one")
+            raise wrong_format_error(
+                self.path, "ULog of a kind that this version knows, but a newer one"
+            )
         self.appended = [n for n in offsets if n] if ahead[0] else []
         if self.appended != sorted(self.appended) or max(self.appended, default=0) > self.size:
             raise ValueError
 
     def _topic_of_format(self, name: str) -> _Topic:
-        """The topic of a format, made once; its instances share it."""
+        """The topic of a format, made once and shared by all instances."""
         if name not in self.known:
             self.known[name] = _Topic.from_fields(name, self._fields_of_format(name, DEPTH_MAX))
         return self.known[name]
 
     def _fields_of_format(self, name: str, depth: int) -> tuple[_Field, ...]:
-        """The fields of a format; ValueError if longer than a message, or in itself."""
+        """The fields of a format; raises ValueError if it is too long or contains itself."""
         made: list[_Field] = []
         for text in filter(None, self.formats[name].split(";")):
             match = FIELD.fullmatch(text)

@@ -31,7 +31,7 @@ AT_ONCE_S = 1e-3
 
 
 class Instant(NamedTuple):
-    """What holds from a time on: JSON values of topics and plants' states, modes (AC, SC)."""
+    """The topics, plant states (JSON values) and modes (AC, SC) that hold from `time_s` on."""
 
     time_s: float
     topics: Mapping[str, Any]
@@ -40,7 +40,7 @@ class Instant(NamedTuple):
 
 
 class PageWords(NamedTuple):
-    """The texts of a page from its heading to its grounds; `violated`: what failed."""
+    """The texts of a counterexample page; `violated` is the text of the property that failed."""
 
     title: str
     headline: str
@@ -61,7 +61,7 @@ def counterexample_page(
     violated_s: float | None,
     decisions: tuple[Decision, ...] = (),
 ) -> ReportPage:
-    """Makes the page; `violated_s`: when it is violated, None where the run ends before."""
+    """Makes the page; `violated_s` is the time of the violation, None if the run ends before it."""
     chart = _chart_of_run(system, words, instants, violated_s, decisions) if instants else None
     return ReportPage(
         words.title,
@@ -106,12 +106,12 @@ def _chart_of_run(
         violations=failed,
         summary={"violations": len(failed)},
         properties=(words.violated,),
-        opens=_opened_times([i.time_s for i in instants]),
+        opens=_first_shown_span([i.time_s for i in instants]),
     )
 
 
 def _zoom_note(instants: Sequence[Instant]) -> tuple[str, ...]:
-    """A note if time lines first show only a part of the run; else ()."""
+    """A note for the reader if the time lines first show only a part of the run; else ()."""
     several = len({i.time_s for i in instants}) > SHOWN
     text = (
         f"Time lines open at the last {SHOWN} instants; a double-click on one shows the whole run."
@@ -119,8 +119,8 @@ def _zoom_note(instants: Sequence[Instant]) -> tuple[str, ...]:
     return (text,) if several else ()
 
 
-def _opened_times(time_s: Sequence[float]) -> tuple[float, float]:
-    """The start and the end, in s, of the part that time lines show first."""
+def _first_shown_span(time_s: Sequence[float]) -> tuple[float, float]:
+    """The start and the end, in s, of the time span that the time lines show at first."""
     different = sorted(set(time_s))[-SHOWN:]
     length = different[-1] - different[0]
     return different[0], different[-1] + (EDGE * length or AT_ONCE_S)

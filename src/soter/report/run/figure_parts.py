@@ -34,7 +34,7 @@ AC_COLOUR, SC_COLOUR = "@ac", "@sc"
 
 
 def decimals_drawn(values: NDArray[np.float64]) -> int:
-    """How many decimals a drawing of (N,) values needs: those of a 10,000th of their span."""
+    """How many decimals of (N,) values a drawing needs to show a 10,000th of their span."""
     finite = values[np.isfinite(values)]
     span = float(np.ptp(finite)) if finite.size else 0.0
     span = span or (float(np.abs(finite).max()) if finite.size else 0.0)
@@ -42,12 +42,12 @@ def decimals_drawn(values: NDArray[np.float64]) -> int:
 
 
 def group_of_arm(name: str) -> str:
-    """The group of one arm's traces, as one word."""
+    """The name of the group that holds all traces of one arm, without blanks."""
     return "arm:" + "_".join(name.split())
 
 
 def figure_place(figure: Figure, kind: str) -> str:
-    """The HTML element into which a figure will be drawn."""
+    """The empty HTML element into which the page's script draws a figure."""
     height = figure.layout.get("height")
     style = f' style="height:{height}px"' if height else ""
     return (
@@ -63,23 +63,23 @@ def legend(entries: Iterable[tuple[str, str]]) -> str:
 
 
 def line_style(colour: str, width: float = 2.0, dash: str = "solid") -> Json:
-    """Return the style of a line."""
+    """The style of a line, for the drawing library."""
     return {"color": colour, "width": width, "dash": dash}
 
 
 def dot_size(count: int, size: float) -> float:
-    """Return the size of dots, smaller where many would cover each other."""
+    """The size of dots, which gets smaller with their count, so that few cover each other."""
     return size if count <= 24 else max(size * 0.7, 4.0) if count <= 80 else size * 0.45
 
 
 def takeover_dot(size: float = 10.0) -> Json:
-    """The marker for a takeover by the DM, AC→SC: a filled red dot."""
+    """The marker for a takeover by the DM (AC to SC), a filled red dot."""
     line = {"color": "@paper", "width": 1.5}
     return {"symbol": "circle", "size": size, "color": "@takeover", "line": line}
 
 
 def giveback_dot(size: float = 10.0) -> Json:
-    """The marker for a return to AC, SC→AC: a green ring."""
+    """The marker for a return to AC (SC to AC), a green ring."""
     line = {"color": "@giveback", "width": 2.75}
     return {"symbol": "circle", "size": size - 1.5, "color": "@paper", "line": line}
 
@@ -169,12 +169,12 @@ def decision_hover(decision: Decision) -> str:
 
 
 def _hover_text(text: str) -> str:
-    """A text as HTML without code marks, since hover boxes know few tags."""
+    """A text as HTML without code marks, because hover boxes support only few tags."""
     return prose(text.replace("`", ""))
 
 
 def violation_hover(violation: Violation) -> str:
-    """Return the hover text of a violation."""
+    """The hover text of a violation."""
     return f"<b>Violation</b><br>t = {violation.time_s:.2f} s<br>{_hover_text(violation.text)}"
 
 
@@ -204,7 +204,7 @@ def is_dense(series: Series) -> bool:
 
 
 def unit_of(series: Series, others: Iterable[Series]) -> str:
-    """The unit of a series; if it has none, that of another series on its panel."""
+    """The unit of a series; if the series has none, the unit of another series on its panel."""
     sharing = [x for x in others if (x.panel or x.name) == (series.panel or series.name)]
     return next((x.unit for x in (series, *sharing) if x.unit), "")
 
@@ -212,7 +212,7 @@ def unit_of(series: Series, others: Iterable[Series]) -> str:
 def rows_flown_by(
     rows: NDArray[np.float64], in_control: NDArray[np.bool_], *, ac: bool
 ) -> NDArray[np.float64]:
-    """The rows (N, k) flown by AC (or by SC), with a NaN row between stretches."""
+    """The rows (N, k) in which AC (or SC) was in control, with a NaN row between stretches."""
     gap = np.full((1, rows.shape[1]), np.nan)
     parts: list[NDArray[np.float64]] = []
     for first, last, is_ac in mode_stretches(in_control):
@@ -229,9 +229,9 @@ def thinned_indices(
 ) -> NDArray[np.intp]:
     """Sorted indices (M,) of the samples to draw: at most `points_max` of `count`.
 
-    Both ends and every index in `keep` are chosen, even beyond `points_max`. What is left goes half
-    to an even stride and half to the least value of `dips` (N,) in each stretch of equal length, so
-    that no close approach disappears between two points.
+    Both ends and every index in `keep` are chosen, even beyond `points_max`. Half of the remaining
+    points are evenly spaced; the other half marks the least value of `dips` (N,) in each stretch of
+    equal length, so that no close approach disappears between two points.
     """
     chosen = {0, count - 1, *(index for index in keep if 0 <= index < count)}
     if count <= points_max:
@@ -272,7 +272,7 @@ def lowest_index(values: NDArray[np.float64]) -> int | None:
 
 
 def flight_indices(flight: Flight, points_max: int = POINTS_MAX) -> NDArray[np.intp]:
-    """Sorted indices (M,) of the samples of a flight that are drawn."""
+    """Sorted indices (M,) of the samples of a flight that the figures draw."""
     events = [decision.time_s for decision in flight.decisions]
     events += [violation.time_s for violation in flight.violations]
     keep = mode_edges(flight.in_control) + nearest_indices(flight.time_s, events)
@@ -280,7 +280,7 @@ def flight_indices(flight: Flight, points_max: int = POINTS_MAX) -> NDArray[np.i
 
 
 def event_place(flight: Flight, time_s: float, position: Vec3 | None) -> Vec3:
-    """The place of an event in m: `position`, or else that of the flight at `time_s`."""
+    """The position of an event in m: `position`, or if None the flight's position at `time_s`."""
     if position is not None:
         return position
     x, y, z = flight.position[nearest_indices(flight.time_s, [time_s])[0]].tolist()
@@ -288,12 +288,12 @@ def event_place(flight: Flight, time_s: float, position: Vec3 | None) -> Vec3:
 
 
 def takeovers(decisions: Iterable[Decision]) -> list[Decision]:
-    """Return the decisions AC→SC: the paper's red dots."""
+    """The decisions from AC to SC, which the paper draws as red dots."""
     return [decision for decision in decisions if decision.to == "SC"]
 
 
 def givebacks(decisions: Iterable[Decision]) -> list[Decision]:
-    """Return the decisions SC→AC: the paper's green dots."""
+    """The decisions from SC to AC, which the paper draws as green dots."""
     return [decision for decision in decisions if decision.to == "AC"]
 
 
@@ -322,7 +322,7 @@ LABEL_CHAR_PX, PHONE_PX = 6.3, 330
 
 
 def labels_by_level(series: Sequence[Series]) -> dict[float, str]:
-    """By level of a panel: the labels of all series that have it, joined by commas."""
+    """Maps each level of a panel to the labels of all series with that level, joined by commas."""
     labels_by_value: dict[float, list[str]] = {}
     for each in series:
         for threshold in each.thresholds:
@@ -345,7 +345,7 @@ def levels_range(series: Sequence[Series]) -> tuple[float, float] | None:
 
 @dataclass(frozen=True)
 class Curves:
-    """The curves of a panel, among which labels need room: `end_s` seconds wide, `span` high."""
+    """The curves of a panel, which labels must avoid; the panel is `end_s` s wide, `span` high."""
 
     time_s: NDArray[np.float64]
     series: Sequence[Series]
@@ -365,7 +365,7 @@ class Curves:
 
 
 def level_labels(axis: str, levels: dict[float, str], curves: Curves) -> list[Json]:
-    """The labels of a panel's levels, each where no curve runs, if there is such a place."""
+    """The labels of a panel's levels; each is placed away from the curves if there is space."""
     room = LABEL_SHARE * (curves.span[1] - curves.span[0]) / (1 + 2 * LABEL_SHARE)
     middle = sum(curves.span) / 2
     notes: list[Json] = []
@@ -395,7 +395,7 @@ def level_labels(axis: str, levels: dict[float, str], curves: Curves) -> list[Js
 
 
 def _level_label(axis: str, label: str, value: float, place: tuple[str, str]) -> Json:
-    """The label of a level; `place`: on which side of its line, and at which end."""
+    """The label of a level at `place`: the side of its line and the end of the line."""
     side, end = place
     return {
         "text": escape(label),
@@ -417,7 +417,7 @@ BINS = 120
 
 
 def takeover_density(decisions: Sequence[Decision], axis: str, end_s: float) -> Json:
-    """Bars that count takeovers between 0 and `end_s` seconds, on the y axis `axis`."""
+    """Bars on the y axis `axis` that count takeovers between 0 and `end_s` seconds."""
     edges = np.linspace(0.0, end_s, BINS + 1)
     over, back = (
         np.histogram(np.clip([d.time_s for d in chosen], 0.0, end_s), edges)[0].tolist()
@@ -447,6 +447,6 @@ def density_title(decisions: Sequence[Decision], end_s: float, module: str = "")
 
 
 def violations_title(violations: Sequence[Violation]) -> str:
-    """The title of the row of violations; of each property it shows the first."""
+    """The title above the row of violations, which shows the first violation of each property."""
     again = any(violation.times > 1 for violation in violations)
     return "violations, the first of each property" if again else "violations"

@@ -59,13 +59,13 @@ UNITS = {"_s": "s", "_m": "m", "_km": "km", "_ns": "ns"}
 
 
 def violation_count(arm: Flight | Chart) -> int:
-    """How often properties failed: by the summary, or else by the list of violations."""
+    """How often properties failed, taken from the summary or else counted in `violations`."""
     count = arm.summary.get("violations")
     return int(count) if isinstance(count, (int, float)) else len(arm.violations)
 
 
 def page_headline(page: ReportPage) -> list[str]:
-    """The result in a sentence or two: first the protected arm, then those that failed."""
+    """The result in a few sentences: on the protected arm first, then on other arms that failed."""
     if page.headline:
         return [page.headline]
     arms: list[Flight | Chart] = [*page.flights, *page.charts]
@@ -78,14 +78,14 @@ def page_headline(page: ReportPage) -> list[str]:
 
 
 def figure_texts(summary: Summary) -> list[tuple[str, str]]:
-    """Caption and value of each figure other than lap and violations; known ones first."""
+    """The caption and value of each summary entry except lap and violations, known ones first."""
     known = [key for key in KNOWN if key in summary and key not in ("lap_s", "violations")]
     others = [key for key in summary if key not in KNOWN]
     return [(_figure_caption(key), value_text(key, summary[key])) for key in (*known, *others)]
 
 
 def value_text(key: str, value: float | str) -> str:
-    """A figure of a summary as text; the end of its key gives the unit."""
+    """A number of a summary as text; the suffix of its key gives the unit."""
     if isinstance(value, str):
         return value
     if isinstance(value, bool):
@@ -104,19 +104,19 @@ def value_text(key: str, value: float | str) -> str:
 
 
 def _figure_caption(key: str) -> str:
-    """The caption of a figure: in words if it is known, else its key without the unit."""
+    """The caption for a summary key; an unknown key becomes the caption without its unit suffix."""
     unit = next((suffix for suffix in UNITS if key.endswith(suffix)), "")
     return CAPTIONS.get(key) or key.removesuffix(unit).replace("_", " ")
 
 
 def _had_both_controllers(summary: Summary) -> bool:
-    """Whether AC and SC were each in control at some time."""
+    """Whether AC and SC were both in control at some time during the run."""
     share = summary.get("ac_share")
     return isinstance(share, (int, float)) and 0 < share < 1
 
 
 def _arm_sentence(arm: Flight | Chart) -> str:
-    """A sentence on the lap time and the violations of an arm."""
+    """A sentence that states the lap time and the violations of an arm."""
     violations = count_text(violation_count(arm), "violation")
     lap = arm.summary.get("lap_s")
     if lap is None:
@@ -125,12 +125,12 @@ def _arm_sentence(arm: Flight | Chart) -> str:
 
 
 def longest_s(arms: Sequence[Flight | Chart]) -> float:
-    """The end of the longest time axis, in s."""
+    """The end of the longest time axis of all arms, in s."""
     return max((float(arm.time_s[-1]) for arm in arms), default=0.0)
 
 
 def _program_section(picture: Picture | None) -> str:
-    """The section with the diagram and to where SC would lead; "" without a picture."""
+    """The page section with the program's diagram and where SC would lead; "" without a picture."""
     if picture is None:
         return ""
     return filled(
@@ -139,7 +139,7 @@ def _program_section(picture: Picture | None) -> str:
 
 
 def page_body(page: ReportPage) -> tuple[str, list[Figure]]:
-    """The HTML inside `<main>`, and the figures that it has places for."""
+    """The HTML inside `<main>`, and the figures that the script draws into it."""
     arms: list[Flight | Chart] = [*page.flights, *page.charts]
     scene, drawn = ("", []) if page.scene is None else page.scene.sections(page.flights)
     flown = _flight_figures(page.flights)
@@ -173,7 +173,7 @@ def page_body(page: ReportPage) -> tuple[str, list[Figure]]:
 
 
 def _arm_cards(page: ReportPage, end_s: float) -> list[tuple[Flight | Chart, str, list[Bar]]]:
-    """Each arm with its map and, by module, a bar of who was in control."""
+    """Each arm with the SVG of its map and, for each module, a bar that shows who had control."""
     cards: list[tuple[Flight | Chart, str, list[Bar]]] = []
     if page.scene is not None:
         for f in page.flights:
@@ -187,7 +187,7 @@ def _arm_cards(page: ReportPage, end_s: float) -> list[tuple[Flight | Chart, str
 
 
 def _chart_figures(chart: Chart, key: str, end_s: float) -> list[Figure]:
-    """The figures of a chart: one of the first panels, and one of the others, which is folded."""
+    """The figures of a chart: one with its first panels, and a folded one with the others."""
     panels = list(dict.fromkeys(s.panel or s.name for s in chart.series))
     parts = [part for part in (panels[:PANELS], panels[PANELS:]) if part]
     series = [tuple(s for s in chart.series if (s.panel or s.name) in part) for part in parts]
@@ -198,7 +198,7 @@ def _chart_figures(chart: Chart, key: str, end_s: float) -> list[Figure]:
 
 
 def _flight_figures(flights: Sequence[Flight]) -> list[Figure]:
-    """Clearance and speed of each flight on equal axes."""
+    """The figures of clearance and speed, one for each flight, with equal axes."""
     if not flights:
         return []
     end_s = longest_s(flights)
@@ -212,6 +212,6 @@ def _flight_figures(flights: Sequence[Flight]) -> list[Figure]:
 
 
 def _place_text(flight: Flight, event: Decision | Violation) -> str:
-    """The place of an event as text, negative numbers with a minus sign."""
+    """The position of an event as text, with proper minus signs."""
     x, y, z = event_place(flight, event.time_s, event.position)
     return f"{x:.1f}, {y:.1f}, {z:.1f}".replace("-", "\N{MINUS SIGN}")

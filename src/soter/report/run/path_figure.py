@@ -48,8 +48,8 @@ SHARES_MIN = (1.25, 0.3)
 
 
 def path_figure(chart: Chart, key: str) -> Figure | None:
-    """The drawing of a chart's path; None if no two signals are x and y of one place."""
-    if (found := _x_and_y(chart.series)) is None:
+    """Draws the path of a chart; None if no two signals are x and y of one position."""
+    if (found := _position_signals(chart.series)) is None:
         return None
     rows = np.column_stack([s.values for s in found])
     if np.isnan(rows).all(axis=0).any():  # never published
@@ -90,8 +90,8 @@ def path_figure(chart: Chart, key: str) -> Figure | None:
     return Figure(key, label, tuple(data), shared_layout(xaxis=x, yaxis={**y, "scaleanchor": "x"}))
 
 
-def _x_and_y(series: Sequence[Series]) -> tuple[Series, Series] | None:
-    """The first two signals that are x and y of one place, not of a quaternion; or None."""
+def _position_signals(series: Sequence[Series]) -> tuple[Series, Series] | None:
+    """The first two signals that are x and y of one position, quaternions excepted; else None."""
     by_name = {s.name: s for s in series}
     for name, x in by_name.items():
         place, _, last = name.rpartition(".")

@@ -32,10 +32,10 @@ SHARED_MIN = 50
 class Decision:
     """A step of the DM that changed the mode (rules dm1, dm2 of the paper).
 
-    `time_s`; `module`, full dotted name; `to`, who is in control from now on; `reason`, a text
-    for people; `predicates`, name to value as the DM saw them (`ttf`, `safer`, margins ...);
-    `position` of the vehicle in m, None where there is none (then it is read off the flight);
-    `why`: on which values, one phrase each.
+    `module`: full dotted name. `to`: who is in control from `time_s` on. `reason`: a text for
+    people. `predicates`: name to value as the DM saw them (`ttf`, `safer`, margins ...). `position`
+    of the vehicle in m; if it is None, the flight gives the position. `why`: one phrase for each
+    value that decided.
     """
 
     time_s: float
@@ -48,7 +48,7 @@ class Decision:
 
 
 class Violation(NamedTuple):
-    """A system property that true states violated, at `time_s` first, and so many `times`."""
+    """A system property that true states violated: first at `time_s`, and `times` times in all."""
 
     time_s: float
     text: str
@@ -58,9 +58,9 @@ class Violation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """A planned path: `points` (k, 3) in m, from where it starts to its goal.
+    """A planned path; `points` (k, 3) in m lead from its start to its goal.
 
-    `text`, for people: its number, since when it is in force, why it was `refused`.
+    `text`, for people: the number of the path, since when it is in force, why it was `refused`.
     """
 
     points: NDArray[np.float64]
@@ -75,13 +75,13 @@ class Way:
 class Flight:
     """One arm of a comparison that moves through a scene.
 
-    `name`: the system's name; `title`: what people call it. `time_s` (N,) increasing;
-    `position` (N, 3) in m; `in_control` (N,) bool, true where AC is in control from this sample
-    to the next; `module`: the RTA module it belongs to; `clearance_m` (N,), distance to the
-    nearest obstacle, the vehicle's radius taken off; `speed` (N,) in m/s.
-    `summary` may hold `lap_s`, `violations`, `switches_to_sc`, `switches_to_ac`, `ac_share`
-    (0..1), `min_clearance_m`, and other figures, which are shown under their own names. `ways`:
-    the plans that it was given, those refused among them.
+    `name`: the system's name; `title`: its name for people. `time_s` (N,) increasing; `position`
+    (N, 3) in m; `in_control` (N,) bool, true if AC is in control from this sample to the next;
+    `module`: the RTA module to which `in_control` belongs; `clearance_m` (N,): the distance from
+    the vehicle's surface to the nearest obstacle; `speed` (N,) in m/s. `summary` may hold `lap_s`,
+    `violations`, `switches_to_sc`, `switches_to_ac`, `ac_share` (0..1), `min_clearance_m`, and
+    other figures, which are shown under their keys. `ways`: the plans that the arm got, including
+    refused ones.
     """
 
     name: str
@@ -106,7 +106,7 @@ class Flight:
 
 @dataclass(frozen=True)
 class Figure:
-    """One drawing: `key` names its place on the page, `label` says what a blind reader misses."""
+    """One drawing. `key` links it to its page element; `label` describes it to blind readers."""
 
     key: str
     label: str
@@ -114,7 +114,7 @@ class Figure:
     layout: Json
 
     def to_json(self) -> Json:
-        """Return the JSON for the drawing library; an x that two traces share stands once."""
+        """The JSON for the drawing library, in which traces with equal x values share one list."""
         first: dict[tuple[object, ...], int] = {}
         data: list[Json] = []
         for i, trace in enumerate(self.data):
@@ -130,15 +130,15 @@ class SceneView(Protocol):
     """Draws the scene that flights move through, as `examples/drone/city_view.py` does."""
 
     def thumbnail(self, flight: Flight, flights: Sequence[Flight]) -> str:
-        """The SVG of one flight, in a window that holds all `flights`."""
+        """Draws one flight as SVG, in a window that is large enough for all `flights`."""
 
     def sections(self, flights: Sequence[Flight]) -> tuple[str, list[Figure]]:
-        """Sections of HTML, and the figures that they have places for."""
+        """The HTML sections of the scene, and the figures that the script draws into them."""
 
 
 @dataclass(frozen=True)
 class Threshold:
-    """A level that gets a line in a panel; `value` is in the unit of its series."""
+    """A level that is drawn as a line in a panel; `value` is in the unit of the panel's series."""
 
     label: str
     value: float
@@ -146,9 +146,9 @@ class Threshold:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A signal over time: `values` (N,) in `unit`; series of equal `panel` share one panel.
+    """A signal over time, `values` (N,) in `unit`; all series with the same `panel` share a panel.
 
-    `held`: each value stands until the next one, as in topics, integers and booleans.
+    `held`: each value stays until the next sample, as with topics, integers and booleans.
     """
 
     name: str
@@ -161,7 +161,7 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class ModeBand:
-    """Whether AC controls `module`: `in_control` (N,) bool; `told`: its figures in words."""
+    """Whether AC controls `module` at each of N samples; `told` sums this up in words."""
 
     module: str
     in_control: NDArray[np.bool_]
@@ -172,9 +172,9 @@ class ModeBand:
 class Chart:
     """One arm of a program without geometry, such as the cart before the wall.
 
-    `time_s` (N,) increasing; `series`, `modes` on that axis; `summary` as in `Flight`;
-    `properties`: the text of each that was watched, None where that is not known; `opens`: of a
-    counterexample the part of the time (s) that is shown first, at whose end it is violated.
+    `time_s` (N,) increasing, the time axis of `series` and `modes`; `summary` as in `Flight`;
+    `properties`: the text of each watched property, None if unknown; `opens`: for a counterexample,
+    the time span (s) that is shown first, which ends at the violation.
     """
 
     name: str
@@ -198,7 +198,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class Cell:
-    """Our number and the paper's, as texts with units; `paper` may be empty."""
+    """A measured number and the paper's number, as texts with units; `paper` may be empty."""
 
     ours: str
     paper: str = ""
@@ -206,10 +206,10 @@ class Cell:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The table beside the paper's figures.
+    """The table that compares results with numbers in the paper.
 
-    `columns`: one title for each arm; `rows`: a quantity and one cell for each column; `note`:
-    what makes the figures comparable, or not.
+    `columns`: one title for each arm; `rows`: a quantity and one cell for each column; `note`: why
+    the numbers are comparable, or why not.
     """
 
     columns: tuple[str, ...]
@@ -226,7 +226,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawing of the program; `led`: where the SC of each module would lead."""
+    """A drawing of the program; `led` shows to where the SC of each module would lead."""
 
     svg: str
     led: tuple[LedPicture, ...] = ()
@@ -236,11 +236,10 @@ class Picture:
 class ReportPage:
     """Everything one report shows.
 
-    `headline` is the result in a sentence; where empty it is composed from the summaries.
-    `notes`: what a reader should know about it. `assumptions`: what it rests on, one text each.
-    `provenance`: program hash, seed,
-    tool versions, command line ..., shown in this order. `picture`: the program; `sections`: what
-    a command tells below it in sentences and tables.
+    `headline` states the result; if it is empty, the summaries give it. `notes`: remarks for the
+    reader. `assumptions`: one text for each assumption. `provenance`: program hash, seed, tool
+    versions, command line ..., shown in this order. `picture`: the program's diagram; `sections`:
+    sentences and tables below it, which the command adds.
     """
 
     title: str
@@ -262,7 +261,7 @@ class ReportPage:
 
 
 def _sample_count(time_s: NDArray[np.float64]) -> int:
-    """The number N of samples; ValueError if times are no axis, are none or run backwards."""
+    """The number N of samples; raises ValueError unless `time_s` (N,) is an increasing axis."""
     if time_s.ndim != 1 or time_s.size == 0:
         raise ValueError(f"time_s: shape (N,) with N >= 1 expected, found {time_s.shape}")
     if not bool(np.all(np.diff(time_s) >= 0)):
@@ -271,6 +270,6 @@ def _sample_count(time_s: NDArray[np.float64]) -> int:
 
 
 def _check_shape(name: str, array: NDArray[np.generic], shape: tuple[int, ...]) -> None:
-    """Raise `ValueError` naming the array unless it has this shape."""
+    """Raises a `ValueError` that names the array unless the array has this shape."""
     if array.shape != shape:
         raise ValueError(f"{name}: shape {shape} expected, found {array.shape}")

@@ -45,7 +45,7 @@ AXES = {"w", "x", "y", "z"}
 
 
 def record_array(t: Type, values: Sequence[Any]) -> npt.NDArray[Any]:
-    """JSON values of a type as an array of records, (n,); NaN if a value is no number."""
+    """An array (n,) of the JSON values of a type; a value that is no number becomes NaN."""
     return np.array([_row_values(t, value) for value in values], dtype=_numpy_dtype(t))
 
 
@@ -68,7 +68,7 @@ def _row_values(t: Type, value: Any) -> Any:  # noqa: ANN401 - JSON
 def value_series(
     system: System, plants: Mapping[str, Any], topics: Mapping[str, Any]
 ) -> Iterator[Series]:
-    """Yields all signals, (N,) each: first true states, by plant in `plants`, then topics."""
+    """Yields all signals, (N,) each: first the true states of `plants`, then the topics."""
     demanded = _limits_by_signal(system)
     measured = _measured_states(system)
     compared = frozenset(measured.values())
@@ -101,19 +101,19 @@ def value_series(
 
 
 def sorted_by_interest(system: System, series: Sequence[Series]) -> tuple[Series, ...]:
-    """The signals; those on panels with a limit, a margin or a judged state come first."""
+    """The signals, with those first whose panel has a limit, a margin or a judged state."""
     text = " ".join(p.text for p in system.properties)
 
-    def is_asked_for(s: Series) -> bool:
+    def is_of_interest(s: Series) -> bool:
         plant, _, state = s.name.partition(".")
         return bool(s.thresholds) or "(" in s.name or f"{plant}.truth.{state.split('.')[0]}" in text
 
-    first = {s.panel for s in series if is_asked_for(s)}
+    first = {s.panel for s in series if is_of_interest(s)}
     return tuple(sorted(series, key=lambda s: s.panel not in first))
 
 
 def _limits_by_signal(system: System) -> dict[str, list[Threshold]]:
-    """By signal: its limits; a level demanded by several properties appears once."""
+    """Maps each signal to its limits; a limit that several properties demand appears once."""
     thresholds_by_signal: dict[str, list[Threshold]] = {}
     for limit in signal_limits(system):
         levels = thresholds_by_signal.setdefault(limit.signal, [])
@@ -127,13 +127,13 @@ def _limits_by_signal(system: System) -> dict[str, list[Threshold]]:
 
 
 def _series_with_limits(series: Series, demanded: Mapping[str, list[Threshold]]) -> Series:
-    """The signal with those of its limits that are near enough to be drawn."""
+    """A copy of the signal with those of its limits that the drawing can show."""
     marks = _visible_levels(series.values, tuple(demanded.get(series.name, ())))
     return replace(series, thresholds=(*series.thresholds, *marks)) if marks else series
 
 
 def _measured_states(system: System) -> dict[str, str]:
-    """By signal of a topic: the true state that it equals or measures."""
+    """Maps each signal of a topic to the true state that the signal equals or measures."""
     state_by_signal: dict[str, str] = {}
     for x in system.components:
         if x.plant is None:
@@ -148,7 +148,7 @@ def _measured_states(system: System) -> dict[str, str]:
 def _equal_states(
     name: str, e: typed.TypedExpr, names: Mapping[typed.Variable, str]
 ) -> Iterator[tuple[str, str]]:
-    """Yields pairs of a driven signal and the plant's state that it equals, number by number."""
+    """Yields (signal, state) for each number of a driven topic that equals a plant's state."""
     if isinstance(e, typed.VarRead) and e.variable in names:
         for path, _ in leaves(e.type):
             yield leaf_name(name, path), leaf_name(names[e.variable], path)
@@ -164,7 +164,7 @@ def _equal_states(
 def _visible_levels(
     numbers: npt.NDArray[np.float64], marks: tuple[Threshold, ...]
 ) -> tuple[Threshold, ...]:
-    """The levels to draw; () if the signal would look flat beside them."""
+    """The levels that are drawn; () if the signal would look flat beside them."""
     levels = [m.value for m in marks]
     if not marks or not numbers.size:
         return ()
@@ -176,7 +176,7 @@ def _visible_levels(
 def _signals_of_value(
     name: str, t: Type, values: npt.NDArray[np.void], marks: tuple[Threshold, ...]
 ) -> Iterator[Series]:
-    """The signals of a value: its numbers and bools (0, 1); coordinates share a panel."""
+    """Yields a signal for each number or bool (0, 1) in a value; coordinates share a panel."""
     if isinstance(t, (FloatType, IntType, BoolType)):
         unit = "" if isinstance(t, BoolType) else t.unit
         numbers = np.ascontiguousarray(values, dtype=np.float64)

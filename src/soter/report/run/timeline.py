@@ -71,7 +71,7 @@ DASH_NAMES = {"dash": "dashed", "dot": "dotted", "dashdot": "dash-dotted"}
 
 
 class _Stack:
-    """Rows of a figure from top to bottom, their y axes numbered as the library wants it."""
+    """Rows of a figure from top to bottom; the y axes have the numbers that the library expects."""
 
     def __init__(self, heights_px: Sequence[int], shown_s: tuple[float, float]) -> None:
         self.height_px = sum(heights_px) + GAP_PX * (len(heights_px) - 1) + MARGIN_PX
@@ -92,11 +92,11 @@ class _Stack:
 
     @staticmethod
     def axis_name(row: int) -> str:
-        """Return the name of a row's y axis as traces and shapes refer to it."""
+        """The name of a row's y axis in traces and shapes."""
         return "y" if row == 0 else f"y{row + 1}"
 
     def add_axis(self, row: int, **more: object) -> None:
-        """Place a row's y axis."""
+        """Adds the y axis of a row at the place of that row."""
         low, high = self.domains[row]
         key = "yaxis" if row == 0 else f"yaxis{row + 1}"
         self.axes[key] = {**axis_style(domain=[low, high], anchor="x"), **more}
@@ -105,7 +105,7 @@ class _Stack:
 def flight_timeline(
     flight: Flight, key: str, *, end_s: float, clearance_range_m: tuple[float, float]
 ) -> Figure:
-    """The figure of mode, clearance (in the range of all arms) and speed over `end_s` s."""
+    """Draws mode, clearance (on the scale that all arms share) and speed over `end_s` seconds."""
     dense = [DENSITY_PX] if len(flight.decisions) > MARKS_MAX else []
     stack = _Stack([BAND_PX, PANEL_PX, PANEL_PX * 2 // 3, *dense], (0, end_s))
     data: list[Json] = []
@@ -146,7 +146,7 @@ def flight_timeline(
 
 
 def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
-    """The figure with a band for each module and a panel for each group of signals."""
+    """Draws a band for each module and a panel for each group of signals."""
     panels = _titled_panels(chart.series)
     bands = len(chart.modes)
     mine = [  # where there is one band, all
@@ -190,7 +190,7 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         ticks: Json = {"dtick": 1} if _has_few_values(series) else {"nticks": 5}
         notes.append(_panel_label(stack, row, title))
         if chart.opens and chart.violations:
-            data.append(_violated_values(stack, row, chart, series))
+            data.append(_violation_value_marks(stack, row, chart, series))
         shapes += [_level_line(stack, row, value) for value in levels]
         if span:
             ticks["range"] = list(span)
@@ -208,7 +208,7 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
 
 
 def _axes_and_margins(stack: _Stack) -> Json:
-    """The axes and margins of a figure of stacked rows."""
+    """The layout entries for the axes and the margins of a figure of stacked rows."""
     return {
         **stack.axes,
         "margin": {"l": 40, "r": 16, "t": MARGIN_TOP_PX, "b": MARGIN_PX - MARGIN_TOP_PX},
@@ -216,7 +216,7 @@ def _axes_and_margins(stack: _Stack) -> Json:
 
 
 def _titled_panels(series: Iterable[Series]) -> list[tuple[str, list[Series]]]:
-    """The panels in order of appearance: a title with unit and overlays, and the series."""
+    """The panels in order of first appearance, each with its title and its series."""
     groups: dict[str, list[Series]] = {}
     for each in series:
         groups.setdefault(each.panel or each.name, []).append(each)
@@ -224,7 +224,7 @@ def _titled_panels(series: Iterable[Series]) -> list[tuple[str, list[Series]]]:
 
 
 def _panel_title(name: str, members: Sequence[Series]) -> str:
-    """A panel's name and unit, and the names of the lines drawn over the first one."""
+    """The name and unit of a panel, with the names of the dashed lines on it."""
     title = quantity(name, unit_of(members[0], members))
     title += ", steps too dense to tell apart" if is_dense(members[0]) else ""
     overlays = [
@@ -235,7 +235,7 @@ def _panel_title(name: str, members: Sequence[Series]) -> str:
 
 
 def _has_few_values(series: Sequence[Series]) -> bool:
-    """Whether a panel shows only a few whole numbers, such as modes and booleans."""
+    """Whether all series of a panel take only few whole numbers, as modes and booleans do."""
     return all(
         each.held
         and bool(np.all(each.values == np.rint(each.values)))
@@ -248,7 +248,7 @@ def _has_few_values(series: Sequence[Series]) -> bool:
 
 
 def _chart_indices(chart: Chart) -> NDArray[np.intp]:
-    """The sorted indices (M,) of a chart's samples that are drawn."""
+    """Sorted indices (M,) of the samples of a chart that the figures draw."""
     events = [decision.time_s for decision in chart.decisions]
     events += [violation.time_s for violation in chart.violations]
     keep = nearest_indices(chart.time_s, events)
@@ -268,7 +268,7 @@ def _chart_indices(chart: Chart) -> NDArray[np.intp]:
 def _panel_traces(
     stack: _Stack, row: int, chart: Chart, series: Sequence[Series], chosen: NDArray[np.intp]
 ) -> list[Json]:
-    """The traces of one panel: the first in ink, others dashed and named at their ends."""
+    """The traces of one panel: the first as a solid line, others dashed and named at their ends."""
     traces: list[Json] = []
     for (colour, dash), each in zip(OVERLAYS * len(series), series, strict=False):
         unit = f" {each.unit}" if each.unit else ""
@@ -300,7 +300,7 @@ def _two_tone_traces(
     in_control: NDArray[np.bool_],
     unit: str,
 ) -> list[Json]:
-    """The traces of a signal, in the colour of whoever is in control."""
+    """The traces of one signal, which change colour with the controller in control."""
     traces: list[Json] = []
     rows = np.column_stack([time_s, values])
     for ac, who, colour in ((True, "AC", AC_COLOUR), (False, "SC", SC_COLOUR)):
@@ -345,7 +345,7 @@ def _shade_shapes(
 def _rectangle(
     stack: _Stack, row: int, time_s: NDArray[np.float64], stretch: tuple[int, int], colour: str
 ) -> Json:
-    """Return a rectangle over the full height of a row."""
+    """A rectangle over the full height of a row."""
     low, high = stack.domains[row]
     return {
         "type": "rect",
@@ -362,7 +362,7 @@ def _rectangle(
 
 
 def _level_line(stack: _Stack, row: int, value: float) -> Json:
-    """Return a horizontal line across a row."""
+    """A horizontal line across a row."""
     return {
         "type": "line",
         "xref": "paper",
@@ -376,7 +376,7 @@ def _level_line(stack: _Stack, row: int, value: float) -> Json:
 
 
 def _panel_label(stack: _Stack, row: int, name: str) -> Json:
-    """Return the name of a row, written above its left end."""
+    """The label with the name of a row, placed above the row's left end."""
     return {
         "text": escape(name),
         "xref": "paper",
@@ -419,7 +419,7 @@ def _lowest_mark(stack: _Stack, flight: Flight, index: int) -> tuple[Json, Json]
 
 
 def _decision_marks(stack: _Stack, row: int, decisions: Sequence[Decision]) -> list[Json]:
-    """Marks of decisions on the mode band; takeovers are drawn over returns near them."""
+    """The marks of decisions on the mode band, with takeovers drawn on top of returns."""
     size = dot_size(len(decisions), 9)
     kinds = ((givebacks(decisions), giveback_dot(size)), (takeovers(decisions), takeover_dot(size)))
     return [
@@ -430,7 +430,7 @@ def _decision_marks(stack: _Stack, row: int, decisions: Sequence[Decision]) -> l
 
 
 def _instant_line(time_s: float) -> Json:
-    """Return a vertical line through all rows."""
+    """A vertical line through all rows."""
     return {
         "type": "line",
         "xref": "x",
@@ -444,13 +444,13 @@ def _instant_line(time_s: float) -> Json:
 
 
 def _violation_crosses(stack: _Stack, row: int, violations: Sequence[Violation]) -> Json:
-    """Crosses for violations in their own row, as a property belongs to no one signal."""
+    """Crosses for violations in a separate row, because a property belongs to no single signal."""
     marks = [(violation.time_s, violation_hover(violation)) for violation in violations]
     return _marker_trace(stack, row, violation_cross(10), marks)
 
 
-def _violated_values(stack: _Stack, row: int, chart: Chart, series: Sequence[Series]) -> Json:
-    """Crosses on the curves of a panel where the property is violated, with the values."""
+def _violation_value_marks(stack: _Stack, row: int, chart: Chart, series: Sequence[Series]) -> Json:
+    """Crosses on the curves of a panel at the time of the violation, with the values there."""
     at_s = chart.violations[0].time_s
     [index] = nearest_indices(chart.time_s, [at_s])
     values = [float(each.values[index]) for each in series]
@@ -465,7 +465,7 @@ def _violated_values(stack: _Stack, row: int, chart: Chart, series: Sequence[Ser
 def _marker_trace(
     stack: _Stack, row: int, marker: Json, marks: Sequence[tuple[float, str]]
 ) -> Json:
-    """Marks on the middle of a row; `marks`: times in s, and their hover texts."""
+    """A trace of marks in the middle of a row; `marks` holds times in s and hover texts."""
     return {
         "type": "scatter",
         "mode": "markers",

@@ -26,10 +26,10 @@ BY_SC, FAILED = 1, 2
 
 @dataclass(frozen=True, eq=False)
 class LedLook:
-    """One look at `time_s`; `told`: how it ends, as HTML.
+    """A prediction made at `time_s` of where SC leads; `told` says in HTML how it ends.
 
-    `boxes` (k, 3 + 2 n): the kind; from and until when, in s after the estimate; the least and
-    the largest value of each of n states.
+    `boxes` (k, 3 + 2 n): the kind; the begin and the end in s after the estimate; the least and the
+    largest value of each of n states.
     """
 
     time_s: float
@@ -39,7 +39,7 @@ class LedLook:
 
 @dataclass(frozen=True, eq=False)
 class LedPicture:
-    """A module: n states by name and unit, and some of its `of` looks, in order of time."""
+    """The predictions for one module, in order of time: some of its `of` looks, over n states."""
 
     module: str
     names: tuple[str, ...]
@@ -49,7 +49,7 @@ class LedPicture:
 
 
 def led_json(picture: LedPicture) -> dict[str, Any]:
-    """The picture as JSON for the page's script: ms, and states as integers over `scale`."""
+    """The picture as JSON for the page's script, with states as integers in units of `scale`."""
     every = np.concatenate([look.boxes for look in picture.looks])
     shown = every[every[:, 0] != FAILED] if (every[:, 0] != FAILED).any() else every
     spans = np.maximum(shown[:, 4::2].max(axis=0) - shown[:, 3::2].min(axis=0), 1e-9)
@@ -70,7 +70,7 @@ def led_json(picture: LedPicture) -> dict[str, Any]:
 
 
 def _rounded_outwards(boxes: NDArray[np.float64], scale: NDArray[np.float64]) -> list[list[int]]:
-    """The boxes rounded outwards to whole numbers."""
+    """The boxes with all values scaled to integers, rounded so that no box shrinks."""
     joined = _joined_boxes(boxes)
     rounded = joined.copy()
     rounded[:, 1] = np.floor(joined[:, 1] * 1e3)
@@ -81,7 +81,7 @@ def _rounded_outwards(boxes: NDArray[np.float64], scale: NDArray[np.float64]) ->
 
 
 def _joined_boxes(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The boxes, of which neighbouring ones of SC are joined to their hull if there are many."""
+    """The boxes, with neighbouring boxes of SC merged into their hull if they are too many."""
     ours = boxes[:, 0] == BY_SC
     many = -(-int(ours.sum()) // BOXES_MAX) if ours.any() else 1
     number = np.where(ours, np.cumsum(ours) // max(many, 1), -1 - np.arange(len(boxes)))

@@ -33,7 +33,7 @@ COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
 
 
 def binding_warnings(program: TypedProgram, bound: Mapping[str, object]) -> tuple[Diagnostic, ...]:
-    """The warnings W007 for externs without code; `bound` overrides the program's bindings."""
+    """The warnings W007 for externs without code; targets in `bound` replace declared bindings."""
     warnings: list[Diagnostic] = []
     others = {name.rpartition(".")[2] for name in bound}
     for name, source, span in _declared_sources(program):
@@ -48,7 +48,7 @@ def binding_warnings(program: TypedProgram, bound: Mapping[str, object]) -> tupl
 def action_warnings(
     systems: Iterable[System], bound: Mapping[str, object]
 ) -> tuple[Diagnostic, ...]:
-    """W037 for each policy in a zip whose actions may leave a topic's set; W007 if unreadable."""
+    """W037 for policies whose actions may leave a topic's set; W007 for unreadable policies."""
     found: dict[Diagnostic, None] = {}
     for system in systems:
         for x in system.components:
@@ -117,7 +117,7 @@ def _missing_code_warning(name: str, source: str, where: Label | None) -> Iterat
 
 
 def _why_code_is_missing(binding: BindingText) -> str:
-    """The reason why the code of a binding is missing; "" if it may exist."""
+    """The reason why a binding surely has no code; "" if the code may exist."""
     path, wanted = Path(binding.file), binding.name
     if binding.is_policy:
         absent = [file for file in binding.files if not Path(file).is_file()]
@@ -145,7 +145,7 @@ def _undefined_text(path: Path, wanted: str) -> str:
 
 
 def _defined_names(body: Iterable[ast.stmt]) -> Iterator[str]:
-    """Yields the names that a module's statements may define; `*` for any name."""
+    """Yields the names that the statements may define; `*` stands for any name."""
     for statement in body:
         if isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
             yield statement.name
@@ -164,6 +164,6 @@ def _defined_names(body: Iterable[ast.stmt]) -> Iterator[str]:
 
 
 def _names_by_call(call: ast.Call) -> Iterator[str]:
-    """Yields `*`, for any name, if a call like `globals().update(...)` may define names."""
+    """Yields `*` (any name) if a call such as `globals().update(...)` may define names."""
     if any(isinstance(n, ast.Name) and n.id in ("globals", "exec") for n in ast.walk(call)):
         yield "*"

@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 
 
 class CFaultError(PlainError):
-    """The C function of an extern returned a failure."""
+    """Raised if the C function of an extern returns a failure."""
 
 
 class CExtern:
-    """A linked C function that can be called as a step."""
+    """A linked C function that can serve as the step of an extern."""
 
     linked = True
 
@@ -50,8 +50,8 @@ class CExtern:
 def c_externs(
     system: System, core: CoreSystem, nodes: Sequence[Component], funs: dict[FunSymbol, str]
 ) -> dict[str, CExtern]:
-    """A callable for each node and function that is bound to C, by full name."""
-    _refuse_native_only_externs(nodes, list(funs))
+    """Maps the full name of each node and function that is bound to C to its callable."""
+    _require_callable_from_python(nodes, list(funs))
     if not nodes and not funs:
         return {}
     unit = generate(system, core)
@@ -72,25 +72,25 @@ def c_externs(
 
 
 def linked_symbols(system: System, core: CoreSystem | None) -> dict[str, str]:
-    """The C file that should define the function of each binding to C, by function name."""
+    """Maps each C function of a binding to the C file that should define it."""
     return {name: file for file, name in _c_bindings(system, core)}
 
 
 def linked_c_hash(system: System, core: CoreSystem) -> str:
-    """A hash of the C files of bindings with all that they include, "" without any; X003."""
+    """A hash of all C files of bindings and their includes, "" without such files; raises X003."""
     text_by_path = included_files(*(file for file, _ in _c_bindings(system, core)))
     return digest(x for p, t in text_by_path.items() for x in (str(p), t)) if text_by_path else ""
 
 
 def _c_bindings(system: System, core: CoreSystem | None) -> list[tuple[str, str]]:
-    """The file and the function of every binding to C."""
+    """Pairs of file and C function, one for each binding to C."""
     texts = [x.binding for x in system.components if x.extern]
     texts += [f.source for f in core.functions] if core is not None else []
     parts = [t.split(":") for t in texts if t is not None and t.startswith("c:")]
     return [(file, name) for _, file, name in parts]
 
 
-def _refuse_native_only_externs(nodes: Sequence[Component], funs: list[FunSymbol]) -> None:
+def _require_callable_from_python(nodes: Sequence[Component], funs: list[FunSymbol]) -> None:
     problems = []
     for x in nodes:
         if x.node is not None and x.node.locals:
@@ -120,7 +120,7 @@ def _native_only_error(subject: str, why: str, span: Any) -> Diagnostic:  # noqa
 def _node_callable(
     system: System, component: Component, path: str
 ) -> Callable[[SimpleNamespace], object]:
-    """A callable for `int step(const in *, out *)`, with the structs of the generated header."""
+    """A callable that runs `int step(const in *, out *)` with the structs of the C header."""
     node = component.node
     assert node is not None
     assert component.binding is not None
@@ -201,7 +201,7 @@ def _c_type(t: Type) -> str | None:
 def _find_symbol(
     path: str, source: str, result: str, parameters: list[str]
 ) -> tuple[Any, Callable[..., Any]]:
-    """The FFI, and the function of the library that a binding names."""
+    """The FFI object, and the library function that a binding names."""
     name = source.rsplit(":", 1)[1]
     ffi = interface(f"{result} {name}({', '.join(parameters) or 'void'});")
     return ffi, getattr(open_library(ffi, Path(path)), name)

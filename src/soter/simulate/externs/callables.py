@@ -48,7 +48,7 @@ def load_callables(
 ) -> dict[str, object]:
     """Loads a run's callables, by extern name; SoterError if an extern cannot run on the engine.
 
-    `apart`: each node in Python gets its own process.
+    `apart`: each Python node runs in its separate process.
     """
     problems: list[Diagnostic] = []
     callable_by_name: dict[str, object] = {}
@@ -118,10 +118,10 @@ def _why_not_runnable(extern: Extern, engine: str) -> Diagnostic | None:
 
 
 def require_files(bindings: Bindings) -> None:
-    """Reads the files that answer externs before work that an error would waste; X003, X014.
+    """Reads the files of externs early, before long computations; raises SoterError X003, X014.
 
     Policies are loaded as for a run, so that mismatches with a node are reported; Python files of
-    users are not executed. X001 and X008 for externs that no engine can run.
+    users are not executed. Raises X001 and X008 for externs that no engine can run.
     """
     require_runnable(bindings, "interp")
 
@@ -138,7 +138,7 @@ def require_files(bindings: Bindings) -> None:
 
 
 def close_externs(bound: Mapping[str, object]) -> None:
-    """Ends the processes that a run's callables have."""
+    """Ends the processes of a run's callables."""
     for extern in bound.values():
         end = getattr(extern, "close", None) if not isinstance(extern, PythonExtern) else None
         if callable(end):
@@ -146,7 +146,7 @@ def close_externs(bound: Mapping[str, object]) -> None:
 
 
 def policy_assumptions(bound: Mapping[str, object]) -> list[str]:
-    """A sentence for each policy on the assumptions that its file leaves open."""
+    """A sentence for each policy whose file leaves assumptions open, which lists them."""
     pairs = [(name, getattr(extern, "assumed", ())) for name, extern in bound.items()]
     return [f"{name} assumes, as its file does not say: {'; '.join(x)}" for name, x in pairs if x]
 
@@ -174,7 +174,7 @@ def _python_callable(system: System, extern: Extern, stop: StopRequest, *, apart
 
 
 def _load_within_memory(load: Callable[[], object]) -> object:
-    """Loads a policy with at most `POLICY_MEMORY` more memory; its graph may want any amount."""
+    """Loads a policy whose graph may take at most `POLICY_MEMORY` more memory."""
     with suppress(ImportError, OSError, ValueError):  # other systems have no /proc
         from resource import RLIMIT_AS, getrlimit, setrlimit  # noqa: PLC0415 - POSIX only
 
@@ -202,7 +202,7 @@ def _find_target(system: System, extern: Extern) -> object:
 
 
 def _load_object(system: System, extern: Extern, text: str) -> object:
-    """The object that a binding's text names: in a Python file, or a policy from its file."""
+    """Loads the object that a binding names: from a Python file or from a policy file."""
     binding, x = binding_of(text), extern.component
     if binding is None or not binding.is_policy or x is None or x.node is None:
         return load_python(text, extern.span)

@@ -67,7 +67,7 @@ EXIT_LAYOUT, EXIT_LOAD = 3, 4
 
 @dataclass(frozen=True)
 class Spec:
-    """The facts of a node that its process needs; `binding`: its text with absolute paths."""
+    """The facts about a node that its process needs; `binding` has absolute paths."""
 
     name: str
     binding: str
@@ -90,7 +90,7 @@ def write_spec(system: System, component: Component, seed: int, path: Path) -> N
 
 
 class RealTimeResponder:
-    """Answers requests to a node in a real-time run; both are bytes as an `Exchange` says."""
+    """Answers requests to a node in a real-time run; an `Exchange` defines both byte layouts."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
@@ -100,7 +100,7 @@ class RealTimeResponder:
         self._reported = False
 
     def step(self, data: bytes) -> bytes | None:
-        """The answer to a request, None if the step failed; the first failure is printed."""
+        """The answer to a request; None if the step failed. It prints the first failure."""
         try:
             return self._encode_answer(self._extern.step(self._decode_inputs(data)))
         except Exception as error:  # noqa: BLE001 - whatever an extern does is its fault
@@ -128,7 +128,7 @@ class RealTimeResponder:
 
 
 def _load_target(spec: Spec) -> object:
-    """The object that the binding names; raises the `SoterError` of loading."""
+    """Loads the object that the binding names; raises the `SoterError` of a failed load."""
     binding = binding_of(spec.binding)
     if binding is None or not binding.is_policy:
         return load_python(spec.binding, None)
@@ -138,7 +138,7 @@ def _load_target(spec: Spec) -> object:
 
 
 class _LossyStderr(io.FileIO):
-    """Standard error that never waits for its reader: text without room is lost."""
+    """A standard error stream that never waits for its reader and drops text that has no room."""
 
     def write(self, data: Any) -> int:  # noqa: ANN401 - bytes of any kind
         with suppress(OSError):
@@ -147,7 +147,7 @@ class _LossyStderr(io.FileIO):
 
 
 def main(path: str) -> int:
-    """Answers requests until the process is ended; gives an exit status if it cannot."""
+    """Answers requests until the process is ended; returns an exit status if it cannot start."""
     words = io.TextIOWrapper(_LossyStderr(2, "w"), errors="backslashreplace", line_buffering=True)
     sys.stdout = sys.stderr = sys.__stdout__ = sys.__stderr__ = words  # type: ignore[misc]
     spec: Spec = pickle.loads(Path(path).read_bytes())  # noqa: S301 - soter wrote it
@@ -183,20 +183,20 @@ LOADING: tuple[Code, ...] = ("X003", "X002", "X014", "D007")
 
 
 class GoneError(PlainError):
-    """The process of an extern gave no answer."""
+    """Raised if the process of an extern gives no answer."""
 
 
 class ForgedError(PlainError):
-    """The process of an extern sent an answer that its code cannot have computed."""
+    """Raised if the process of an extern sends an answer that its code cannot have computed."""
 
 
 class ProcessExtern:
-    """An extern in a process of its own: `step`, and `reset(seed)` before every run."""
+    """An extern in a separate process, with `step`, and with `reset(seed)` before every run."""
 
     def __init__(
         self, name: str, load: Callable[[], object], shapes: Shapes, span: Span, stop: StopRequest
     ) -> None:
-        """`load()` makes the user's object in the child; its `SoterError` is raised here."""
+        """Starts the child, in which `load()` makes the user's object; raises its `SoterError`."""
         self._name, self._load, self._shapes, self._span = name, load, tuple(shapes), span
         self._stop = stop
         self._seed: int | None = None
@@ -206,7 +206,7 @@ class ProcessExtern:
         self._child: Child | None = self._start_child()
 
     def step(self, inputs: object) -> object:
-        """Makes a step; `GoneError`, `ForgedError`, or `PlainError` if the extern failed."""
+        """Makes a step; raises `GoneError`, `ForgedError`, or `PlainError` if the extern failed."""
         if self._child is None:
             self._child = self._restart_child()
         reply = self._ask_child(self._child, b"s" + pickle.dumps(inputs), self._patience_s)
@@ -219,7 +219,7 @@ class ProcessExtern:
         )
 
     def reset(self, seed: int) -> None:
-        """Resets the object if it has `reset`; raises the errors of `step`."""
+        """Calls the object's `reset` if it exists; raises the same errors as `step`."""
         self._seed = seed
         self._restarts_left = RESTARTS
         if self._child is None:
@@ -227,7 +227,7 @@ class ProcessExtern:
         self._ask_child(self._child, b"r%d" % seed, None)
 
     def close(self) -> None:
-        """Ends the process; `reset` starts another."""
+        """Ends the process; the next `reset` starts a new process."""
         if self._child is not None:
             self._child.end()
         self._child = None
@@ -263,7 +263,7 @@ class ProcessExtern:
         return child
 
     def _ask_child(self, child: Child, question: bytes, patience_s: float | None) -> dict[str, Any]:
-        """The child's answer; a child that sends anything else counts as gone."""
+        """Asks the child and gives its answer; a child that sends anything else counts as gone."""
         self._stop.in_extern = True
         try:
             reply = child.answer_to(question, patience_s)
@@ -304,7 +304,7 @@ def _diagnostic_of_child(data: object, span: Span) -> Diagnostic:
 
 
 def checked_value(t: Type, data: Any) -> Value:  # noqa: ANN401 - anything at all
-    """A value that was read from JSON, if it is of type `t`; else `ForgedError`."""
+    """A value that was read from JSON; raises `ForgedError` if it is not of type `t`."""
     if isinstance(t, BoolType):
         fits = isinstance(data, bool)
     elif isinstance(t, FloatType):
@@ -337,14 +337,14 @@ def _checked_parts(t: Type, data: Any) -> Value:  # noqa: ANN401 - anything at a
 
 
 class VirtualTimeResponder:
-    """Answers the questions to a node in a `ProcessExtern`'s child: a letter, data; JSON back."""
+    """Answers the questions that a `ProcessExtern` asks its child, with JSON."""
 
     def __init__(self, name: str, load: Callable[[], object], shapes: Shapes) -> None:
         self._name, self._load, self._shapes = name, load, shapes
         self._extern: PythonExtern | None = None
 
     def answer(self, question: bytes) -> bytes:
-        """Answers `l` (load), `r` (reset, with a seed) or `s` (step, with inputs)."""
+        """Answers the question `l` (load), `r` (reset, then a seed) or `s` (step, then inputs)."""
         try:
             reply = self._reply(question[:1], question[1:])
         except SoterError as error:

@@ -44,13 +44,13 @@ OWN_FOLDER = str(SOTER)
 
 @dataclass
 class Tally:
-    """How many steps an extern in Python made, and in how many it published nothing."""
+    """Counts the steps of a Python extern, and those in which it published nothing."""
 
     steps: int = 0
     silent: int = 0
 
     def count_step(self, values: Sequence[Value | None]) -> None:
-        """Counts a step without a fault."""
+        """Counts a step that had no fault."""
         self.silent += all(v is None for v in values)
 
 
@@ -139,18 +139,18 @@ def _encode(component: Component, values: dict[str, Value]) -> bytes:
 
 
 class PlainError(Exception):
-    """A failure whose text is shown to users without the type of the exception."""
+    """A failure whose text users see without the type of the exception."""
 
 
 class MisuseError(PlainError):
-    """An extern's code does not fit its call; `SAID_MAX` characters of the text are shown."""
+    """Raised if an extern's code does not fit its call; users see `SAID_MAX` characters of text."""
 
 
 SAID_MAX = 600
 
 
 class _Gate:
-    """Notes leaf, value and bound of an output that the gate refuses; states hold only the kind."""
+    """Notes the first output value that the gate refuses, as states hold only the fault's kind."""
 
     def __init__(self, system: System, component: Component) -> None:
         self.name = component.name
@@ -161,7 +161,7 @@ class _Gate:
         self.bursts = [component.scope.topics[t] for t in bursts]
 
     def note_refusal(self, values: Sequence[Value | None], failures: dict[str, str]) -> None:
-        """Notes the first value that is outside its topic's set."""
+        """Notes the first value that is outside the set of its topic."""
         if self.name in failures:
             return
         for (topic, check), value in zip(self.checks, values, strict=False):
@@ -176,7 +176,7 @@ class _Gate:
 
 
 def failure_text(error: BaseException, *, place: bool = True) -> str:
-    """An extern's failure in words, with file and line of the user's code if `place`."""
+    """Describes an extern's failure; `place` adds the file and line of the user's code."""
     if isinstance(error, ValueShapeError):
         return visible(f"its answer has the wrong shape: {error_message(error)}")
     if isinstance(error, MisuseError):
@@ -188,7 +188,7 @@ def failure_text(error: BaseException, *, place: bool = True) -> str:
 
 
 def _failure_place(error: BaseException) -> str:
-    """The file and line of the innermost frame in the called code's file; "" if unknown."""
+    """The file and line of the innermost call in the user's file; "" if unknown."""
     frames = [
         (frame.f_code.co_filename, line)
         for frame, line in traceback.walk_tb(error.__traceback__)
@@ -209,7 +209,7 @@ def callables_with_notes(
 ) -> dict[str, object]:
     """Wraps the callables in `bound`, so that they note first failures and silent steps.
 
-    Silent steps are noted only for Python; those of C only the native engine could see.
+    Silent steps are noted only for Python, because only the native engine could see those of C.
     """
     wrapper_by_name: dict[str, object] = {}
     components = {x.name: x for x in system.components}
@@ -254,7 +254,7 @@ class _FailureNotes:
         return answer
 
     def _check_answer(self, answer: object) -> object:
-        """Does nothing: the interpreter checks the answer of a function."""
+        """Returns the answer unchanged, because the interpreter checks the answers of functions."""
         return answer
 
     def reset(self, seed: int) -> None:

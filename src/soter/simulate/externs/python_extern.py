@@ -5,9 +5,9 @@ construction are diagnostics (X002, X003). `PythonExtern` calls its `step` and r
 `Exception`s, and `Stop` for a person's Ctrl-C. Where the code does not fit the call
 (`inputs["motion"]`, a missing name), `misuse_hint` says what an extern is called with and asked
 for, with types. With `clip`, as in `soter.remote`, a number that is too large becomes the largest
-that the topic takes; an infinite number or NaN is still refused. `call_outside` calls externs with
-the current folder and the recursion limit that they have set, and then restores ours, and the
-rounding mode. `end_forked_copy` ends a process that an extern forked when the call ends.
+that the topic takes; an infinite number or NaN is still refused. `call_with_extern_settings` calls
+externs with the current folder and the recursion limit that they have set, and then restores ours,
+and the rounding mode. `end_forked_copy` ends a process that an extern forked when the call ends.
 Non-goals: which extern it answers (`native/extern_bindings.py`), what its answers mean
 (`language/model/values.py`), crashes of the process, code that never returns (`workers/`); threads,
 signals and files that an extern leaves behind; mistakes inside of the extern, which Python's own
@@ -31,7 +31,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.diagnostics.similar_names import closest
 from soter.diagnostics.system_texts import reason
-from soter.language.evaluate.arithmetic import restore_plain
+from soter.language.evaluate.arithmetic import restore_float_settings
 from soter.language.load.named_files import read_bytes
 from soter.language.model.values import without_ranges
 from soter.native.extern_bindings import FilePolicy
@@ -61,7 +61,7 @@ class _ExternChanges:
     depth = 0
 
 
-def call_outside(call: Callable[..., object], *arguments: object) -> object:
+def call_with_extern_settings(call: Callable[..., object], *arguments: object) -> object:
     """Calls `call(*arguments)` of an extern with the externs' folder and recursion limit."""
     home, depth, process = _current_folder(), sys.getrecursionlimit(), os.getpid()
     if _ExternChanges.folder:
@@ -72,7 +72,7 @@ def call_outside(call: Callable[..., object], *arguments: object) -> object:
         return call(*arguments)
     finally:
         end_forked_copy(process)
-        restore_plain()
+        restore_float_settings()
         _ExternChanges.depth = sys.getrecursionlimit()
         sys.setrecursionlimit(depth)
         folder = _current_folder()
@@ -82,7 +82,7 @@ def call_outside(call: Callable[..., object], *arguments: object) -> object:
 
 
 def end_forked_copy(process: int) -> None:
-    """Ends this process at once if it is a forked copy: if its number is not `process`."""
+    """Ends the current process at once if it is a forked copy of process number `process`."""
     if os.getpid() != process:
         with suppress(OSError):
             os.write(2, b"soter: an extern forked the process: the copy ends with the call\n")
@@ -106,8 +106,8 @@ DEPTH = 3
 
 
 def misuse_hint(error: Exception, step: object, arguments: Sequence[Any], shapes: Shapes) -> str:
-    """A hint on how to write the extern; "" if the error does not come from the call."""
-    if isinstance(error, TypeError) and _call_failed(error):
+    """A hint on how to write the extern; "" if its call is not the reason for the error."""
+    if isinstance(error, TypeError) and _has_call_failed(error):
         return f"{_call_words(step, arguments)}{_answer_words(shapes)}"
     (inputs, *_) = arguments or (None,)
     if not isinstance(inputs, SimpleNamespace):
@@ -124,14 +124,14 @@ def misuse_hint(error: Exception, step: object, arguments: Sequence[Any], shapes
     return ""
 
 
-def _call_failed(error: Exception) -> bool:
-    """Whether the call itself failed, so that no code of the extern ran."""
+def _has_call_failed(error: Exception) -> bool:
+    """Whether the call itself failed before any code of the extern ran."""
     frames = list(traceback.walk_tb(error.__traceback__))
-    return bool(frames) and frames[-1][0].f_code is call_outside.__code__
+    return bool(frames) and frames[-1][0].f_code is call_with_extern_settings.__code__
 
 
 def _call_words(step: object, arguments: Sequence[Any]) -> str:
-    """A text with the arguments of the extern: one with attributes, or several."""
+    """A text that shows how the extern is called: with an `inputs` object or several arguments."""
     name = getattr(step, "__name__", "step")
     if len(arguments) != 1 or not isinstance(arguments[0], SimpleNamespace):
         types = ", ".join(_type_words(a) for a in arguments)
@@ -145,7 +145,7 @@ def _call_words(step: object, arguments: Sequence[Any]) -> str:
 
 
 def _answer_words(shapes: Shapes) -> str:
-    """A clause with the names and types of the answer; "" without any."""
+    """A clause with the names and types that the answer should have; "" without answers."""
     if not shapes:
         return ""
     keys = ", ".join(f'"{name}": {t}' for name, t in shapes)
@@ -153,7 +153,7 @@ def _answer_words(shapes: Shapes) -> str:
 
 
 def _type_words(value: object, depth: int = DEPTH) -> str:
-    """The Python type of a value in words; for a record also its fields."""
+    """The Python type of a value in words, with the fields if it is a record."""
     if isinstance(value, SimpleNamespace):
         inner = ", ".join(f"{n}: {_type_words(v, depth - 1)}" for n, v in vars(value).items())
         return f"with {inner}" if depth == DEPTH else f"({inner})" if depth else "(...)"
@@ -170,14 +170,14 @@ _FOLDERS: set[Path] = set()
 
 
 class ExternEscapeError(PlainError):
-    """An extern tried to end the process."""
+    """Raised if an extern tries to end the process."""
 
 
 class PythonExtern:
-    """An extern in this process: `step`, and `reset(seed)` before every run."""
+    """An extern in this process, with `step`, and with `reset(seed)` before every run."""
 
     def __init__(self, name: str, target: object, stop: StopRequest, shapes: Shapes = ()) -> None:
-        """`shapes`: the names and types of its answer, for hints."""
+        """`shapes`: the names and types of the outputs, which appear in hints."""
         self.name = name
         self._target = target
         self._shapes = shapes
@@ -188,12 +188,12 @@ class PythonExtern:
     def step(self, *arguments: Any) -> object:  # noqa: ANN401 - whatever the extern takes
         """Makes a step; raises only `Exception`s, and `Stop` for a person's Ctrl-C.
 
-        `MisuseError` if the code does not fit the call; what else it raises (`SystemExit`, say)
-        becomes an `ExternEscapeError`.
+        Raises `MisuseError` if the code does not fit the call. Other exceptions of the extern, such
+        as `SystemExit`, become an `ExternEscapeError`.
         """
         self._stop.in_extern = True
         try:
-            return call_outside(self._step, *arguments)
+            return call_with_extern_settings(self._step, *arguments)
         except Stop:
             raise
         except Exception as error:
@@ -207,13 +207,13 @@ class PythonExtern:
             self._stop.in_extern = False
 
     def reset(self, seed: int) -> None:
-        """Calls the object's `reset`, if it has one; raises ExternEscapeError as `step` does."""
+        """Calls the object's `reset` if it exists; raises ExternEscapeError as `step` does."""
         start = getattr(self._target, "reset", None)
         if not callable(start):
             return
         self._stop.in_extern = True
         try:
-            call_outside(start, seed)
+            call_with_extern_settings(start, seed)
         except (Exception, Stop):
             raise
         except BaseException as error:  # of an extern a mishap like any other
@@ -223,17 +223,17 @@ class PythonExtern:
 
 
 def load_python(source: str, span: Span | None) -> object:
-    """The object that `python:file.py:name` names; a class is instantiated.
+    """Loads the object that `python:file.py:name` names; a class is instantiated.
 
-    `span`: where the program declares it, for the diagnostics. `SoterError` X003 if the file cannot
-    be run, X002 if it has no such object, or the object cannot be called.
+    `span`: the place of the declaration, for diagnostics. Raises `SoterError` X003 if the file
+    cannot be run, X002 if it has no such object, or if the object cannot be called.
     """
     _, file, name = source.split(":")
     target: Any = _load_module(Path(file), span)
     for part in name.split("."):
         if not hasattr(target, part):
             raise _binding_error(
-                "X002", f"`{file}` has no `{name}`", span, _similar_name(part, target)
+                "X002", f"`{file}` has no `{name}`", span, _similar_name_hint(part, target)
             )
         target = getattr(target, part)
     if isinstance(target, type):
@@ -253,7 +253,7 @@ def load_python(source: str, span: Span | None) -> object:
 
 
 def _load_module(path: Path, span: Span | None) -> ModuleType:
-    """The module of a file, executed once in a process for each content."""
+    """Loads a file as a module; each content of a file is executed only once per process."""
     try:
         content = read_bytes(path)
     except OSError as error:
@@ -275,7 +275,7 @@ def _load_module(path: Path, span: Span | None) -> ModuleType:
     _put_first_on_path(path.resolve().parent)
     sys.modules[full_name] = module
     try:
-        call_outside(spec.loader.exec_module, module)
+        call_with_extern_settings(spec.loader.exec_module, module)
     except KeyboardInterrupt:
         sys.modules.pop(full_name, None)
         raise
@@ -290,7 +290,7 @@ def _put_first_on_path(folder: Path) -> None:
     """Puts an extern's folder first on `sys.path`, so that it can import the files there.
 
     It removes modules of the same names in other externs' folders from `sys.modules`, so that this
-    extern does not get them. Code that has imported one keeps it.
+    extern does not get them. Code that has imported such a module keeps it.
     """
     others = _FOLDERS - {folder}
     for name, module in list(sys.modules.items()) if others else ():
@@ -312,9 +312,9 @@ def _belongs_to(folder: Path, top: str, file: Path) -> bool:
 
 
 def make_instance(cls: type, name: str, span: Span | None) -> object:
-    """An object of a bound class; `SoterError` X003 if it cannot be made."""
+    """Makes an object of a bound class; raises `SoterError` X003 if that fails."""
     try:
-        return call_outside(cls)
+        return call_with_extern_settings(cls)
     except KeyboardInterrupt:
         raise
     except BaseException as error:
@@ -324,7 +324,7 @@ def make_instance(cls: type, name: str, span: Span | None) -> object:
 
 
 def _failing_line(error: BaseException, path: Path) -> tuple[str, ...]:
-    """A note with the failed line of the extern's own file; () if it is unknown."""
+    """A note that shows the failed line in the extern's file; () if the line is unknown."""
     if isinstance(error, SyntaxError):
         return (f"in line {error.lineno} of `{error.filename}`",)
     places = {str(path), str(path.absolute())}
@@ -332,7 +332,7 @@ def _failing_line(error: BaseException, path: Path) -> tuple[str, ...]:
     return (f"in line {frames[-1].lineno}: {frames[-1].line}",) if frames else ()
 
 
-def _similar_name(part: str, target: object) -> str:
+def _similar_name_hint(part: str, target: object) -> str:
     public = [n for n in dir(target) if not n.startswith("_")]
     close = closest(part, public)
     return f"did you mean `{close[0]}`?" if close else ""
@@ -347,7 +347,7 @@ def _binding_error(
 
 
 class Answered(NamedTuple):
-    """One answer of a node: its name, the type that a step gives, and type and set of a message."""
+    """An output of a node: its name, the type of a step's answer, and a message's type and set."""
 
     name: str
     step_type: Type
@@ -357,7 +357,7 @@ class Answered(NamedTuple):
 
 
 def node_answers(system: System, component: Component) -> tuple[Answered, ...]:
-    """The answers of an extern node, one for each topic that it publishes, in order."""
+    """The outputs of an extern node, one for each topic that it publishes, in order."""
     node = component.node
     assert node is not None
     topics = [system.topics[component.scope.topics[t]] for t in node.publishes]
@@ -368,7 +368,7 @@ def node_answers(system: System, component: Component) -> tuple[Answered, ...]:
 
 
 def clip_target(target: object, answers: Sequence[Answered]) -> object:
-    """Wraps a target whose attribute `clip` is True, to clip its answers; others unchanged."""
+    """Gives a wrapper that clips all answers if the target's `clip` is True; else the target."""
     return _Clipping(target, answers) if getattr(target, "clip", False) is True else target
 
 
@@ -380,12 +380,12 @@ class _Clipping(FilePolicy):
         self.assumed = target.assumed if isinstance(target, FilePolicy) else ()
 
     def reset(self, seed: int) -> None:
-        """Resets the extern if it has `reset`."""
+        """Calls the extern's `reset` if it exists."""
         if callable(self._reset):
             self._reset(seed)
 
     def step(self, *arguments: Any) -> Converted:  # noqa: ANN401 - whatever the extern takes
-        """The extern's answer, each number clipped to its topic's set."""
+        """The extern's answer, in which each number is clipped to its topic's set."""
         values = convert_answer(self._shapes, self._step(*arguments))
         return Converted(
             None

@@ -45,20 +45,20 @@ GIVEN_UP, HAD = "given_up", "had"
 
 
 def shrink_core(case: Case) -> bool:
-    """Replaces K by W if only a few cells of K lack a way back, and returns whether it did.
+    """Replaces K by W if only a few cells of K lack a way back; returns whether it did.
 
-    At its border K has cells that SC keeps only by chains whose images need all of K. W serves
-    as well: its cells have chains in C whose images lie in W, and SC keeps Q.
+    Cells at the border of K have only chains whose images need all of K. W serves as well: its
+    cells have chains in C whose images lie in W, and SC keeps Q.
     """
     failures = case.failures_of("P2b")
-    if case.problem.computed or not failures or not _few_cells_stuck(failures):
+    if case.problem.computed or not failures or not _has_few_stuck_cells(failures):
         return False
     _give_up_stuck_cells(case, failures)
     return True
 
 
-def _few_cells_stuck(failures: list[Failure]) -> bool:
-    """Whether all failures are about cells of K without a way back, and these are few."""
+def _has_few_stuck_cells(failures: list[Failure]) -> bool:
+    """Whether all failures are about cells of K without a way back, and these cells are few."""
     return all(f.stuck and f.proof and f.proof.stuck_share <= SHRINK_MAX for f in failures)
 
 
@@ -69,16 +69,16 @@ def _give_up_stuck_cells(case: Case, failures: list[Failure]) -> None:
     for proof in stuck:
         had = proof.core_cells
         case.counts.setdefault(HAD, sum(p.core_cells for p in case.proofs))
-        proof.replace_core_by_way(case)
+        proof.restrict_core_to_way(case)
         case.counts[GIVEN_UP] = case.counts.get(GIVEN_UP, 0) + had - proof.core_cells
     case.failures = [f for f in case.failures if f.proof not in stuck and f.claim != "start"]
 
 
 def cases_with_way_back(done: list[Case]) -> list[Case]:
-    """The cases with P2b examined, where predicates are computed.
+    """Examines P2b of cases with computed predicates, and returns these cases.
 
-    If a few cells of K have no way back, they are given up and all that follows from K is computed
-    anew. The new sets are kept if they show P2b and no other claim is lost.
+    If a few cells of K have no way back, K loses them and everything that follows from K is
+    computed anew. The new sets are kept if they show P2b and no other claim is lost.
     """
     _examine_way_back(done)
     if not any(case.failures_of("P2b") for case in done):
@@ -95,7 +95,7 @@ def cases_with_way_back(done: list[Case]) -> list[Case]:
 
 
 def _is_shown_with_fewer_cells(done: list[Case]) -> bool:
-    """Gives up cells of K in some rounds; returns whether all claims but the start are shown."""
+    """Gives up cells of K in rounds; returns whether all claims except the start are shown."""
     for _ in range(ROUNDS):
         if not all(map(_may_give_up, done)):
             break
@@ -129,7 +129,7 @@ def _unshown_failures(case: Case) -> list[Failure]:
 def _may_give_up(case: Case) -> bool:
     """Whether only P2b fails, and only on a few cells of K."""
     failures = _unshown_failures(case)
-    return all(f.claim == "P2b" for f in failures) and _few_cells_stuck(failures)
+    return all(f.claim == "P2b" for f in failures) and _has_few_stuck_cells(failures)
 
 
 def _is_start_shown(case: Case) -> bool:
@@ -154,7 +154,7 @@ class _CaseBackup:
 
 
 def given_up_note(done: list[Case]) -> tuple[str, ...]:
-    """A note that cells of K were given up, where predicates are computed, or nothing."""
+    """A note if cells of K were given up for computed predicates, else ()."""
     if not done or not done[0].problem.computed:
         return ()
     lost, of = (max(c.counts.get(name, 0) for c in done) for name in (GIVEN_UP, HAD))
@@ -173,10 +173,10 @@ SIZES = ("half", "a quarter of")
 class Choice:
     """A problem with the chosen cells and number of levels, and its cases.
 
-    `done`: all cases; None where the dynamics have no enclosure. `why`: if fewer levels than
-    `LEVELS_DEFAULT` were chosen, what is not shown with that many, else "". `size`: if smaller
-    cells than declared were chosen, their size in words, else "". `failed`: the claim of `FAILED`
-    for which they were chosen. `tried`: if none were, a line for each size that was tried.
+    `done`: all cases; None if the dynamics have no enclosure. `why`: the claim that fails with
+    `LEVELS_DEFAULT` levels, if fewer were chosen, else "". `size`: the size of the cells in words,
+    if smaller cells than declared were chosen, else "". `failed`: the claim of `FAILED` for which
+    they were chosen. `tried`: if none were chosen, a line for each size that was tried.
     """
 
     problem: Problem
@@ -188,7 +188,7 @@ class Choice:
 
     @property
     def notes(self) -> list[str]:
-        """Lines for each group whose cells are smaller, and one if fewer levels were chosen."""
+        """A line for each group with smaller cells, and a line if fewer levels were chosen."""
         levels = f"levels {self.problem.levels}: with {LEVELS_DEFAULT}, as by default, {self.why}"
         pairs = zip(self.problem.declared_groups, self.problem.groups, strict=False)
         counts = filter(None, (cell_counts_in_words(a, b) for a, b in pairs))
@@ -197,7 +197,7 @@ class Choice:
 
 
 def choose_cells_and_levels(problem: Problem, attempt: Attempt) -> Choice:
-    """The choice of the declared cells, or of smaller ones if only these show P2a, or P2b as well.
+    """Chooses the declared cells, or smaller cells if only these show P2a, or also P2b.
 
     Smaller cells are tried for P2b only if `safer` is computed. Counts of cells decide, never CPU
     time. The cases that `attempt` returns must have all failures of P2a.
@@ -212,7 +212,7 @@ def choose_cells_and_levels(problem: Problem, attempt: Attempt) -> Choice:
 
 
 def _finer_choice(first: Choice, claim: str, attempt: Attempt) -> tuple[Choice, list[str]]:
-    """The choice with the first smaller cells that show a claim, or `first`, and sizes tried."""
+    """The first choice with smaller cells that shows a claim, or `first`; also the tried sizes."""
     found = first
     tried = []
     for size in SIZES:
@@ -234,16 +234,16 @@ def _finer_choice(first: Choice, claim: str, attempt: Attempt) -> tuple[Choice, 
 
 
 def _failing_groups(choice: Choice, claim: str) -> list[Group]:
-    """The groups for which a claim fails in some case on known cells."""
+    """The groups in which a claim fails on known cells in some case."""
     failures = (f for case in choice.done or () for f in case.failures_of(claim))
     return [f.proof.group for f in failures if f.proof is not None and f.cells is not None]
 
 
 def _choice_with_levels(problem: Problem, attempt: Attempt) -> Choice:
-    """The choice with the program's number of levels, or, if it is open, with the better of two.
+    """The choice with the program's number of levels, or with the better of two numbers.
 
-    The default number is taken, unless with the fewest levels only some of the same claims fail.
-    CPU time does not decide. Where P2a fails the default number is kept.
+    The default number is taken, unless with the fewest levels only a part of the same claims fail.
+    CPU time does not decide. If P2a fails, the default number stays.
     """
     if problem.levels_open and problem.levels != LEVELS_DEFAULT:
         problem = replace(problem, levels=LEVELS_DEFAULT)
@@ -258,7 +258,7 @@ def _choice_with_levels(problem: Problem, attempt: Attempt) -> Choice:
 
 
 def _cases_with_other_levels(done: Sequence[Case], problem: Problem) -> list[Case] | None:
-    """The cases with another number of levels and the same K and R(H); None: impossible."""
+    """The cases with another number of levels and the same K and R(H); None if impossible."""
     again = []
     for case in done:
         renewed = [proof.without_levels() for proof in case.proofs]

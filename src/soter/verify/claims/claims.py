@@ -73,9 +73,9 @@ def open_case(
     parameter: tuple[int, ...],
     before: Case | None = None,
 ) -> Case:
-    """A new case with a proof of each group; `UnboundedError` if dynamics have no enclosure.
+    """Opens a case with a proof of each group; `UnboundedError` if dynamics lack an enclosure.
 
-    A group that is the same as in the earlier attempt `before` keeps its sets and failures, as
+    A group that is the same as in the earlier attempt `before` keeps its sets and failures, because
     they depend only on the ranges of the other groups.
     """
     case = Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
@@ -95,9 +95,9 @@ def open_case(
 
 
 def compute_constraint(case: Case) -> bool:
-    """Gives each group its part of C, checks that C is their product, and returns whether it is.
+    """Gives each group its factor of C, and returns whether C is the product of these factors.
 
-    Enters a failure of P2a where it is not, or where SC may fault or leave its sets on C.
+    Enters a failure of P2a if it is not, or if SC may fault or leave its sets on C.
     """
     parts = grid_claims.factors_of_predicate(case, "constraint")
     if parts is None:
@@ -143,9 +143,9 @@ def _claim_of_law(case: Case, parts: Sequence[CellsPart]) -> FailsafeClaim:
 
 
 def compute_core(case: Case) -> bool:
-    """Computes K of every group and returns whether none is empty.
+    """Computes K of every group; returns whether no K is empty.
 
-    Where SC keeps nothing inside K_fs, the core of the fail-safe law, K is computed without it.
+    If SC keeps nothing inside K_fs, the core of the fail-safe law, K is computed without the law.
     """
     all_found = _compute_cores(case)
     if all_found or case.lawful is None or not case.lawful.is_smaller:
@@ -171,13 +171,13 @@ def compute_free_states(case: Case) -> None:
 
 
 def check_inclusion(case: Case, predicate: str) -> None:
-    """Checks that `ttf` or `safer` lets AC have control only at estimates of states in R(H)."""
+    """Checks that `ttf` or `safer` gives AC control only at estimates of states in R(H)."""
     for proof in case.fresh_proofs:
         proof.check_inclusion(case, predicate)
 
 
 def compute_levels(case: Case) -> None:
-    """Computes S_0 ... S_(m-2) of every group; enters failures where they are empty."""
+    """Computes S_0 ... S_(m-2) of every group; enters a failure for each empty set."""
     for proof in case.fresh_proofs:
         proof.find_levels(case)
 
@@ -185,8 +185,8 @@ def compute_levels(case: Case) -> None:
 def make_tables(cases: Sequence[Case]) -> None:
     """Makes the tables of the DM from all cases; P2b needs them.
 
-    The DM has one table for all values of the parameters: an estimate lets AC have control only if
-    it is in S_0 of every case. Where a case has no sets there is no table.
+    The DM has one table for all parameter values: an estimate lets AC have control only if it is in
+    S_0 of every case. If a case has no sets, the module gets no table.
     """
     problem = cases[0].problem
     pairs = [pairs_of(case.sets) for case in cases]
@@ -199,7 +199,7 @@ def make_tables(cases: Sequence[Case]) -> None:
 
 
 def check_after_core(case: Case) -> None:
-    """Computes and checks all that follows from K, except P2b."""
+    """Computes and checks everything that follows from K, except P2b."""
     with ClaimTimer(case, "P3"):
         compute_free_states(case)
     if case.problem.computed:
@@ -232,7 +232,7 @@ def find_way_back(case: Case) -> None:
 
 
 def _targets_of_recovery(case: Case) -> list[CellsPart] | None:
-    """For each group the states all of whose estimates satisfy `safer`; None: P2b fails."""
+    """For each group the states whose estimates all satisfy `safer`; None if P2b fails here."""
     if case.problem.computed:
         parts_by_proof = [p.cells_that_give_ac_control(case) for p in case.proofs]
         target_parts = [part for part in parts_by_proof if part is not None]
@@ -252,7 +252,7 @@ def _targets_of_recovery(case: Case) -> list[CellsPart] | None:
 
 
 def check_return_time(case: Case) -> None:
-    """Enters a failure of P2b where the time T is longer than `recover within` allows."""
+    """Enters a failure of P2b if the time T is longer than `recover within` allows."""
     wanted, needed = case.problem.recover_ns, case.counts["recover_ns"]
     if wanted is not None and needed > wanted and not case.failures_of("P2b"):
         case.fail(
@@ -263,7 +263,7 @@ def check_return_time(case: Case) -> None:
 
 
 def weaken_if_waiting(problem: Problem, finding: Finding) -> None:
-    """Weakens P2b of a module that waits for others, as it holds only while they are in AC."""
+    """Weakens P2b of a module that waits for others: P2b holds only while they are in AC."""
     modes = problem.modes
     if modes is None or not modes.waits or finding.verdict != PROVED:
         return
@@ -281,7 +281,7 @@ LEAST_S = 4.0
 
 
 def postpone_p2b(case: Case) -> bool:
-    """Returns whether a cheaper claim fails; if so, enters P2b as a failure not examined."""
+    """Returns whether a cheaper claim fails; if so, notes that P2b was not examined."""
     failing = next((f.claim for f in case.failures if f.claim in CHEAPER), None)
     if failing is not None:
         case.fail("P2b", f"not looked at to the end: `{failing}` fails first").cut = True
@@ -327,7 +327,7 @@ def narrowed_leaves_in_words(problem: Problem, forms: CompiledEnclosures) -> lis
 
 
 def note_narrowed_leaves(result: ModuleResult, done: Sequence[Case], claims: Iterable[str]) -> None:
-    """Notes that C is cut to what plants can publish, and adds a hint to undecided claims."""
+    """Notes that C is limited to values that plants can publish; undecided claims get a hint."""
     texts = narrowed_leaves_in_words(result.problem, done[0].forms)
     if not texts:
         return
@@ -342,7 +342,7 @@ def note_narrowed_leaves(result: ModuleResult, done: Sequence[Case], claims: Ite
 
 
 def _driven_leaves(problem: Problem) -> Iterator[tuple[str, Bound | None, float, bool]]:
-    """The name, set and error of each driven leaf, and whether it is numbered, as in `drives`.
+    """Yields the name, set and error of each driven leaf, and whether `drives` numbers it.
 
     Leaves of lists and of long arrays have no number; that they stay in their sets is assumed.
     """
@@ -366,20 +366,20 @@ IN_PROOF = (
 
 
 def keys_of_shown_scheme(problem: Problem, done: Sequence[Case]) -> frozenset[str]:
-    """The key of the assumption SCHEME if the proof shows it, as all flows are linear; or none."""
+    """The key of the assumption SCHEME if the proof shows it (all flows are linear), else none."""
     assumed = SCHEME in problem.assumptions
     return frozenset((SCHEME.key,)) if assumed and all(map(_covers_scheme, done)) else frozenset()
 
 
 def solution_assumptions(problem: Problem, done: Sequence[Case]) -> list[Assumption]:
-    """The assumption made in the place of SCHEME where SC comes to rest, as rates may jump."""
+    """The assumption that replaces SCHEME if SC comes to rest, because rates may then jump."""
     groups = [g for c in done for g in c.sets.groups]
     rests = SCHEME in problem.assumptions and any((g.core == RESTS).any() for g in groups)
     return [EVERY_SOLUTION] * rests
 
 
 def why_scheme_diverges(problem: Problem) -> str:
-    """Why the assumed scheme is known to diverge, in words; "": it is not known to."""
+    """Says why the assumed scheme surely diverges; "" if that is not known."""
     states = zip(problem.quantities.states, problem.states, strict=True)
     within = {(s.owner, s.member, s.path): (r.low, r.high) for s, r in states}
     for c in problem.system.components:
@@ -393,7 +393,7 @@ def why_scheme_diverges(problem: Problem) -> str:
 
 
 def _covers_scheme(case: Case) -> bool:
-    """Whether the simulator's steps are solutions of every group's model."""
+    """Whether the simulator's steps are solutions of the models of all groups."""
     if len(case.proofs) < len(case.problem.groups):
         return False
     return all(p.covers_scheme for p in case.proofs)

@@ -37,7 +37,7 @@ LAW_SPLITS_MAX = 4_000
 def states_elsewhere(
     problem: Problem, group: GridGroup, point: Floats
 ) -> dict[int, tuple[float, float]]:
-    """The ranges, by state, that fix the states of other groups at `point`, shape (states,)."""
+    """The ranges that fix all states of other groups at `point`, (states,), by state number."""
     axes = set(group.axes)
     return {
         s: (float(point[s]), float(point[s])) for s in range(len(problem.states)) if s not in axes
@@ -45,7 +45,7 @@ def states_elsewhere(
 
 
 def points_to_try(problem: Problem) -> list[Floats]:
-    """Points, (states,) each, where a predicate may hold: the start, zero, the middle of ranges."""
+    """Points, (states,), where a predicate may hold: the start, zero, the middle of ranges."""
     low = np.array([r.low for r in problem.states])
     high = np.array([r.high for r in problem.states])
     start = np.array([i.low / 2 + i.high / 2 for i in problem.initial])
@@ -56,19 +56,19 @@ def points_to_try(problem: Problem) -> list[Floats]:
 class CellsPart:
     """A set of cells of one group's grid, as a factor of a product.
 
-    A block is a list of slices of cells, one an axis.
+    A block is a list of slices of cells, with one slice for each axis.
     """
 
     engine: GridGroup
     cells: Bools
 
     def smallest_block(self, block: Block | None = None) -> Block | None:
-        """The smallest block around those cells of the set that are in `block`; None: no cells."""
+        """The smallest block around the cells of the set inside `block`; None without cells."""
         whole = [slice(0, n) for n in self.cells.shape] if block is None else block
         return _smallest_block(self.cells, whole)
 
     def ranges_of_block(self, block: Block) -> Ranges:
-        """The range of a block along each axis, by state."""
+        """The range of a block along each axis, by state number."""
         every = zip(self.engine.axes, self.engine.spans, block, strict=True)
         return {
             state: (float(edges[part.start]), float(edges[part.stop]))
@@ -76,7 +76,7 @@ class CellsPart:
         }
 
     def first_cell(self, block: Block) -> Block:
-        """The first cell, in C order, of the set in a block."""
+        """The first cell, in C order, of the set's cells inside a block."""
         at = np.argwhere(self.cells[tuple(block)])[0]
         return [
             slice(p.start + int(i), p.start + int(i) + 1) for p, i in zip(block, at, strict=True)
@@ -88,11 +88,11 @@ class CellsPart:
 
 
 def product_holds(forms: CompiledEnclosures, parts: Sequence[CellsPart], predicate: str) -> bool:
-    """Whether a predicate is shown to be true all over the product of the parts.
+    """Whether a predicate is shown to be true everywhere on the product of the parts.
 
-    It is evaluated on the product of the sets' blocks. Where it is undecided, a block is split
-    along its longest axis: the block of a group that, at one of its cells alone, decides the
-    predicate, or else the longest block.
+    It is evaluated on the product of the sets' blocks. If it is undecided there, a block is split
+    along its longest axis. That block is of a group that decides the predicate at a single cell, or
+    else it is the longest block.
     """
     if len(parts) == 1 and parts[0].holds_alone(predicate):
         return True
@@ -103,7 +103,7 @@ def product_holds(forms: CompiledEnclosures, parts: Sequence[CellsPart], predica
 def _holds_on_product(
     forms: CompiledEnclosures, parts: Sequence[CellsPart], predicate: str
 ) -> bool:
-    """Whether one conjunct is true all over the product: splits blocks until it is on each."""
+    """Whether a conjunct is true everywhere on the product; splits blocks until it is decided."""
     todo = [tuple(p.smallest_block() for p in parts)]
     looked = 0
     while todo:
@@ -124,7 +124,7 @@ def _holds_on_product(
 
 
 def _smallest_block(cells: Bools, block: Block) -> Block | None:
-    """The smallest block around the cells in `block`; None where there are none."""
+    """The smallest block around the cells inside `block`; None if it has no cells."""
     inside = cells[tuple(block)]
     if not inside.any():
         return None
@@ -154,7 +154,7 @@ def _longest_side(block: Block) -> int:
 def _split_longest_block(
     forms: CompiledEnclosures, parts: Sequence[CellsPart], blocks: Sequence[Block], predicate: str
 ) -> list[tuple[Block | None, ...]] | None:
-    """The two products after a split; None where all blocks are single cells."""
+    """The two products after a split; None if all blocks are single cells."""
     best: int | None = None
     for g, block in enumerate(blocks):
         if _longest_side(block) == 1:
@@ -186,7 +186,7 @@ def _split_longest_block(
 def why_sc_leaves_sets_on_product(
     problem: Problem, forms: CompiledEnclosures, parts: Sequence[CellsPart]
 ) -> str:
-    """Why SC might publish outside its sets, or fault, on the hull of the sets; "": it cannot.
+    """Says why SC might fault or publish outside its sets, on the hull of `parts`; "" if not.
 
     SC steps at any time, in control or not, so all of C is examined, with every error.
     """
@@ -198,7 +198,7 @@ def why_sc_leaves_sets_on_product(
 
 
 def why_sc_leaves_sets(problem: Problem, forms: CompiledEnclosures, box: Floats) -> str:
-    """Why SC might fault or leave its sets on a box of inputs, (inputs, 2); "": it cannot."""
+    """Says why SC might fault or leave its sets on a box (inputs, 2); "" if it cannot."""
     count = len(problem.controls)
     limits = np.array([(c.low, c.high) for c in problem.controls])
     moving = [i for i in range(len(box)) if box[i, 0] < box[i, 1]]
@@ -248,7 +248,7 @@ NOTHING_INSIDE = "SC keeps nothing inside what the law keeps"
 
 
 def hint_for_law(why: str) -> str:
-    """Advice where the claim of the fail-safe law is not shown; `why`: its reason."""
+    """Advice for a fail-safe law whose claim is not shown for the reason `why`."""
     if why == NOTHING_INSIDE:
         return "an SC that stays where the law can take over; a finer grid"
     return (
@@ -261,7 +261,7 @@ def hint_for_law(why: str) -> str:
 class FailsafeClaim:
     """The set C cut to K_fs, by group (`parts`), or all of C (`whole`) if `why` gives a reason.
 
-    `cells`: the numbers of cells of K_fs and of C, of all groups together.
+    `cells`: the number of cells of K_fs and that of C, each summed over all groups.
     """
 
     parts: Sequence[CellsPart]
@@ -277,19 +277,19 @@ class FailsafeClaim:
         return self.parts is not self.whole
 
     def drop_law(self, why: str) -> None:
-        """Lets SC keep all of C again; `why`: the reason why the law is not shown."""
+        """Lets SC keep all of C again, because the law is not shown for the reason `why`."""
         self.parts, self.why = self.whole, why
 
 
 def claim_without_law(problem: Problem, parts: Sequence[CellsPart]) -> FailsafeClaim | None:
-    """The claim of a module that has no law to examine; None: it has one."""
+    """The claim of a module without a law to examine; None if the module has a law."""
     if problem.law is not None:
         return None
     return FailsafeClaim(parts, parts, problem.law_unread or NO_LAW)
 
 
 def cut_to_law_core(law: CaseSets, parts: Sequence[CellsPart]) -> FailsafeClaim:
-    """The claim with C cut to K_fs; `law`: the sets of the law, on the same cells as `parts`."""
+    """The claim with C cut to K_fs; `law` has the sets of the law, on the same cells as `parts`."""
     core_parts: list[CellsPart] = []
     kept = of = 0
     for proof, part in zip(law.proofs, parts, strict=True):

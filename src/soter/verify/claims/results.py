@@ -45,7 +45,7 @@ UNCLAIMED = ("DM",)
 
 @dataclass(frozen=True)
 class Region:
-    """A box of true states where a claim is not shown: names of states with their ranges."""
+    """A box of true states in which a claim is not shown, with a range for each state."""
 
     axes: tuple[tuple[str, float, float], ...]
     parameters: tuple[tuple[str, int], ...] = ()
@@ -63,11 +63,11 @@ class Region:
 
 @dataclass(frozen=True)
 class Vacuity:
-    """Why a proof says little: AC never, or hardly ever, has control (`diagnosis/vacuity.py`).
+    """The reason why a proof says little: AC never or hardly ever has control.
 
     `how_often`: how often AC has control, "not shown" if unknown; `what`: the reason: `ttf`,
-    `safer`, `safe` or `core` (K itself); `share`: the share of K, or of C for `core`, where AC may
-    have control; `parameters`: those of the worst case.
+    `safer`, `safe` or `core` (K itself); `share`: the share of K (of C for `core`) in which AC may
+    have control; `parameters`: those of the worst case. See `diagnosis/vacuity.py`.
     """
 
     how_often: str
@@ -79,10 +79,10 @@ class Vacuity:
 
 @dataclass(frozen=True)
 class Cause:
-    """The cause why a claim is not shown, as runs show it (`diagnosis/open_claims.py`).
+    """The cause that runs show for an unproved claim (`diagnosis/open_claims.py`).
 
-    `kind`: for machines (docs/json.md); `text`: a sentence on what was measured; `hint`: what
-    would help; `numbers`: the measured values.
+    `kind`: a word for machines (docs/json.md); `text`: a sentence on what was measured; `hint`:
+    advice; `numbers`: the measured values.
     """
 
     kind: str
@@ -95,8 +95,8 @@ class Cause:
 class LeavingRun:
     """A run of the *model* under SC alone that leaves C; it is no run of the program.
 
-    `states` has a row for each of `time_s`, in the order of `names`. `safe`: whether it left C
-    inside the grid; if not, it left the grid by the end `side` (-1 low, 1 high) of `axis`.
+    `states` has a row for each of `time_s`, in the order of `names`. `safe`: whether the run left C
+    inside the grid. If not, it left the grid by the end `side` (-1 low, 1 high) of `axis`.
     """
 
     names: tuple[str, ...]
@@ -113,7 +113,7 @@ class LeavingRun:
     """The parameter values of its case."""
 
     def __str__(self) -> str:
-        """The run in one line."""
+        """One line that describes the run."""
         first = ", ".join(f"{n} = {x:.6g}" for n, x in zip(self.names, self.states[0], strict=True))
         last = self.states[-1][self.names.index(self.axis)]
         where = "leaves `safe`" if self.safe else "leaves the grid"
@@ -126,14 +126,14 @@ class LeavingRun:
 
 @dataclass(frozen=True)
 class FlownFigures:
-    """The figures of a module in a run; `ac_share`: AC's share of the time; 0 bytes: no tables."""
+    """The figures of a module in a run; `table_bytes` is 0 for a module without tables."""
 
     takeovers_per_min: float
     ac_share: float
     table_bytes: int
 
     def __str__(self) -> str:
-        """The figures as a clause of a sentence."""
+        """A clause that states the figures."""
         tables = f", {self.table_bytes:,} bytes of tables" if self.table_bytes else ""
         return f"{self.takeovers_per_min:.4g} takeovers a minute, AC {self.ac_share:.1%}{tables}"
 
@@ -142,8 +142,8 @@ class FlownFigures:
 class RemedyCost:
     """The costs of changes that prove a module, measured in runs of `system` with seed 1.
 
-    `before`: None where the program as it stands has no tables to fly. `not_measured`: why there
-    are no figures, "" where there are. Made by `diagnosis/tried_remedies.py`.
+    `before`: None if the unchanged program has no tables to fly. `not_measured`: why figures are
+    missing, else "". `diagnosis/tried_remedies.py` makes these costs.
     """
 
     system: str
@@ -153,7 +153,7 @@ class RemedyCost:
     not_measured: str = ""
 
     def __str__(self) -> str:
-        """The costs in one line."""
+        """One line that states the costs."""
         if self.not_measured:
             return f"not measured: {self.not_measured}"
         run = f"{self.until_s:g} s of {self.system} simulated, seed 1"
@@ -164,9 +164,9 @@ class RemedyCost:
 class Finding:
     """The verdict on one property.
 
-    `method`: how it was reached; `text`: a sentence on what was found; `hint`: what would help if
-    undecided; `counterexample`: the run of a refutation (`verify/counterexample.py`); `causes`,
-    `leaving`: what was measured if undecided.
+    `method`: how it was reached; `text`: a sentence on the finding; `hint`: advice for an undecided
+    claim; `counterexample`: the run that refutes it (`verify/counterexample.py`); `causes`,
+    `leaving`: measurements for an undecided claim.
     """
 
     verdict: str
@@ -215,9 +215,9 @@ class Finding:
 class GroupSets:
     """The sets of one group under one combination of parameter values.
 
-    Arrays have one entry a cell, in C order over the group's axes: `allowed` C_g, `core` the
-    witnesses of K (0: not in K, otherwise N), `free` R(H); `home` those of Q, `rank` (0: not in W)
-    and `rank_holds` of W, on other cells where these are `finer` (size in words, axes).
+    Arrays have one entry per cell, in C order over the group's axes: `allowed` is C_g, `core` the
+    witnesses of K (0: not in K, otherwise N), `free` R(H). `home` is Q, and `rank` (0: not in W)
+    and `rank_holds` are of W; if `finer` is set (size in words, axes), these are on smaller cells.
     """
 
     group: Group
@@ -274,7 +274,7 @@ class CaseSets:
 
 @dataclass(eq=False, repr=False)
 class ModuleResult:
-    """The findings about a module, and the sets on which they rest."""
+    """The findings about a module, and the sets that support them."""
 
     problem: Problem
     findings: dict[str, Finding]
@@ -322,7 +322,7 @@ class ModuleResult:
 
     @property
     def verdict(self) -> str:
-        """The module's verdict: refuted or undecided if a finding is, else proved, or assumed."""
+        """The module's verdict: refuted, undecided, assumed or proved; the worst finding counts."""
         verdicts = {f.verdict for f in self.findings.values()}
         for verdict in (REFUTED, UNDECIDED):
             if verdict in verdicts:
@@ -331,24 +331,24 @@ class ModuleResult:
 
     @property
     def assumed(self) -> list[str]:
-        """The properties that are assumed, and the key of SCHEME if it is, for a headline."""
+        """The names of assumed properties, and SCHEME's key if it is assumed, for a headline."""
         names = [n for n, f in self.findings.items() if f.verdict == ASSUMED]
         return [*names, *(a.key for a in self.assumptions if a.key == SCHEME.key)]
 
     @property
     def verdict_note(self) -> str:
-        """The note shown beside the verdict (`tubes/verify.py`); "" where there is none."""
+        """The note that is shown beside the verdict (`tubes/verify.py`); "" without a note."""
         return ""
 
     @cached_property
     def not_rechecked(self) -> str | None:
-        """Why `soter recheck` cannot check the module; "": it can; None: unproved, or unknown."""
+        """Says why `soter recheck` cannot check the module; "" if it can, None if unproved."""
         held = self.verdict in (PROVED, ASSUMED)
         return self.ask_rechecker() if held and self.ask_rechecker is not None else None
 
     @property
     def headline(self) -> str:
-        """The verdict, with a note where the proof says little or cannot be re-checked."""
+        """The verdict, with a note if the proof says little or cannot be re-checked."""
         if self.verdict not in (PROVED, ASSUMED):
             return self.verdict
         verdict = self.verdict + self.verdict_note
@@ -362,15 +362,15 @@ class ModuleResult:
 
     @property
     def core_share(self) -> float:
-        """The share of the grid's volume that K has."""
+        """The share of the grid's volume that K covers."""
         return self.shares.get("core", 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Try:
-    """One try of a search: the hints, the outcome `gave` in words, the CPU seconds it took.
+    """One try of a search: its hints, its outcome in words (`gave`), and its CPU seconds.
 
-    `untried`: it would have taken too long; `cpu_s` is an estimate. `cut`: it was cut short.
+    `untried`: the try would have taken too long, and `cpu_s` is an estimate. `cut`: it was stopped.
     """
 
     hints: str
@@ -382,7 +382,7 @@ class Try:
 
 @dataclass(eq=False)
 class ProofSearch:
-    """The tries for a module; `found`: the best hints, `checked`: the program with them."""
+    """The tries for a module, the best hints (`found`), and the program with them (`checked`)."""
 
     module: str
     own: bool
@@ -403,13 +403,13 @@ class ProofSearch:
 
     @property
     def cells_in_vain(self) -> bool:
-        """Whether a grid was tried to the end, and no hints that were tried prove the module."""
+        """Whether the search tried a grid to the end and still did not prove the module."""
         ended = (t.hints for t in self.tries if not (t.untried or t.cut))
         return not self.proved and any("grid " in hints for hints in ended)
 
     @property
     def text(self) -> str:
-        """The text of the program with the best hints; "" where none were found."""
+        """The text of the program with the best hints; "" if the search found no hints."""
         loaded = None if self.checked is None else self.checked.loaded
         return "" if loaded is None else loaded.main.source.text
 
@@ -438,7 +438,7 @@ class VerifyReport:
 
     @property
     def verdict(self) -> str:
-        """The worst of the modules' verdicts; `proved` where there is no module."""
+        """The worst of the modules' verdicts; `proved` for a program without modules."""
         verdicts = {m.verdict for m in self.modules}
         for verdict in (REFUTED, UNDECIDED, ASSUMED):
             if verdict in verdicts:
@@ -449,8 +449,8 @@ class VerifyReport:
     def together(self) -> str:
         """The verdict on all modules together (Theorem 4.1).
 
-        It is the worst of the modules' verdicts; `assumed` where all are proved and one relies on
-        what a module guarantees that is not proved here.
+        It is the worst of the modules' verdicts. It is `assumed` if all are proved but one relies
+        on a module's guarantee that is not proved here.
         """
         proved = {m.name.removesuffix(f" as {m.problem.view}") for m in self.modules}
         promised = (g.by for g in self.coverage.guarantees if g.how == "guaranteed")
@@ -482,12 +482,12 @@ class VerifyReport:
 
     @property
     def composed(self) -> bool:
-        """Whether there are several modules, or one that relies on what another guarantees."""
+        """Whether the report has several modules, or one that relies on another's guarantee."""
         taken = any(g.how == "guaranteed" for g in self.coverage.guarantees)
         return taken or len(self.modules) > 1
 
     def __getitem__(self, module: str) -> ModuleResult:
-        """The result of one module, by full name; `KeyError` where there is none."""
+        """The result of one module, by full name; raises `KeyError` if no module has this name."""
         return {m.name: m for m in reversed(self.modules)}[module]
 
     def __repr__(self) -> str:

@@ -83,7 +83,7 @@ def _start_in_words(case: Case, axis: Axis) -> str:
 
 
 def why_not_entered(case: Case) -> str:
-    """Why `enters` is not shown to imply that the state lies in R(H), in words; "": it is."""
+    """Says why `enters` is not shown to keep the state in R(H); "" if it is shown."""
     problem, library = case.problem, case.forms.library
     if library.symbol(ENTERS) == library.ffi.NULL:
         return "what it says cannot be enclosed"
@@ -102,7 +102,7 @@ def why_not_entered(case: Case) -> str:
 
 
 def _boxes_outside_grid(case: Case, reach: Floats) -> Iterator[tuple[str, Floats]]:
-    """Boxes of all inputs, (inputs, 2), that cover the states outside the grid, each with a text.
+    """Yields boxes of all inputs, (inputs, 2), that cover the states outside the grid, with texts.
 
     `reach`: the range of each state, of shape (states, 2).
     """
@@ -120,9 +120,9 @@ def _boxes_outside_grid(case: Case, reach: Floats) -> Iterator[tuple[str, Floats
 
 
 def ranges_of_entry(problem: Problem) -> list[tuple[float, float] | None]:
-    """The range of each state where `enters` is judged, by the sets of the topics that it reads.
+    """The range of each state when `enters` is judged, from the sets of the topics that it reads.
 
-    A range is None where no such topic shows the state.
+    A range is None if no such topic shows the state.
     """
     scope = problem.module.scope.topics
     read = {scope[t] for t in topic_reads(problem.module.symbol.verify.enters) if t in scope}
@@ -148,14 +148,14 @@ def _measurement_error(problem: Problem, topic: int, leaf: int) -> float:
 
 
 def _check_defaults(case: Case) -> None:
-    """Enters a failure of `start` where SC may fault on defaults."""
+    """Enters a failure of `start` if SC may fault on defaults."""
     why = fault_on_defaults(case.problem)
     if why:
         case.fail("start", why, hint="let SC step only after what it reads was published: `phase`")
 
 
 def fault_on_defaults(problem: Problem) -> str:
-    """Why SC may fault on defaults, in words; "": it does not."""
+    """Says why SC may fault on defaults; "" if it does not fault."""
     schedule = problem.times.schedule
     steps = schedule.steps_that_read_defaults
     if not steps:
@@ -182,7 +182,7 @@ def fault_on_defaults(problem: Problem) -> str:
 
 
 def _are_published_together(problem: Problem, topics: set[str]) -> bool:
-    """Whether SC at any time reads the defaults of all these topics, or of none of them."""
+    """Whether SC always reads the defaults of all these topics, or of none of them."""
     schedule, paths = problem.times.schedule, problem.times.schedule.read_by_sc
     at_once = len({p.publisher for p in paths}) == 1
     if not any(p.nodes for p in paths) and not schedule.dropout:
@@ -192,14 +192,14 @@ def _are_published_together(problem: Problem, topics: set[str]) -> bool:
 
 
 def _without_plants(problem: Problem) -> tuple[System, int]:
-    """The module's system without plants, in which nothing publishes what SC reads; SC's index."""
+    """A copy of the module's system in which nothing publishes what SC reads, and SC's index."""
     system = derived_systems.module_alone(problem.system, problem.module)
     system = derived_systems.with_module(system, replace(system.modules[0], shield=None))
     return derived_systems.with_forced_mode(system, 0, "sc"), system.modules[0].sc
 
 
 def _first_fault(system: System, sc: Component, steps: int, modes: Sequence[int]) -> str:
-    """The first fault in the first steps of SC, in words; "" where there is none."""
+    """Describes the first fault in the first steps of SC; "" if none faults."""
     dummies = {c.name: _no_outputs for c in system.components if c.extern}
     interpreter = Interpreter(system, 0, dummies)
     c = interpreter.initial()
@@ -213,7 +213,7 @@ def _first_fault(system: System, sc: Component, steps: int, modes: Sequence[int]
 
 
 def _copies_in_every_mode(c: Configuration, modes: Sequence[int]) -> Iterator[Configuration]:
-    """Copies of the configuration, one for each combination of other modules' modes."""
+    """Yields a copy of the configuration for each combination of the other modules' modes."""
     for combination in product((SC, AC), repeat=len(modes)):
         by = dict(zip(modes, combination, strict=True))
         yield replace(c, Topics=tuple(by.get(i, value) for i, value in enumerate(c.Topics)))

@@ -53,7 +53,7 @@ NS = 10**9
 
 @dataclass(frozen=True, eq=False)
 class SensedTopic:
-    """A topic in the deployed system: at most `age` ns old, its k-th leaf off by `errors[k]`.
+    """A topic in the deployed system: at most `age` ns old, with its k-th leaf off by `errors[k]`.
 
     `allowed[k]` is the error that the proof allows; `errors[k]` is None if the leaf is no float.
     """
@@ -77,7 +77,7 @@ class TopicSkew:
 def skewed_topics(problem: Problem, heard: Sequence[SensedTopic]) -> list[TopicSkew]:
     """The pairs of topics that may be further apart in time than the allowed errors cover.
 
-    `SoterError` R007, X004, X006 as of `library_of`.
+    Raises `SoterError` R007, X004, X006, as `library_of` does.
     """
     if len(heard) < 2:
         return []
@@ -92,9 +92,9 @@ def skewed_topics(problem: Problem, heard: Sequence[SensedTopic]) -> list[TopicS
 def _skewed_pairs(
     ages: Sequence[int], slacks: Sequence[Fraction | float]
 ) -> list[tuple[int, int, int, Fraction | float]]:
-    """Pairs of sensors i, j whose ages may differ by more than their slacks together allow.
+    """The pairs of sensors i, j whose ages may differ by more than the sum of their slacks.
 
-    Each has the numbers i, j, the difference of ages and the sum of slacks, in ns.
+    Each entry has the numbers i, j, the difference of ages and the sum of slacks, in ns.
     """
     every = combinations(range(len(ages)), 2)
     pairs = [(i, j, max(ages[i], ages[j]), slacks[i] + slacks[j]) for i, j in every]
@@ -102,7 +102,7 @@ def _skewed_pairs(
 
 
 def greatest_rates_of(problem: Problem) -> list[float]:
-    """The greatest rate of each state of a flow within its ranges, per s; inf if not known."""
+    """The greatest rate of each state of a flow within its range, per s; inf if unknown."""
     assert problem.kind == "flow"
     library, _ = library_of(problem)
     rates = [0.0 for _ in problem.states]
@@ -118,9 +118,9 @@ def greatest_rates_of(problem: Problem) -> list[float]:
 def _slack_of_topic(
     problem: Problem, heard: SensedTopic, rates: Sequence[float]
 ) -> Fraction | float:
-    """Sigma: the time in ns for which a topic stays within the allowed error; inf: for ever.
+    """The time sigma in ns for which a topic stays within the allowed error; inf means for ever.
 
-    It is 0 where a leaf is no float or no state, whose rate is not known.
+    It is 0 if a leaf is no float or shows no state, because its rate is then unknown.
     """
     slack: Fraction | float = inf
     index = next(t.index for t in problem.system.topics if t.name == heard.topic.name)
@@ -142,10 +142,10 @@ NO_ERROR = 0.0
 
 
 class Sensors:
-    """The topics of plants that DM and SC read in the proof, with their sensors as deployed."""
+    """The plant topics that DM and SC read in the proof, with the sensors that are deployed."""
 
     def __init__(self, deployed: System, proof_system: System, problem: Problem) -> None:
-        """Finds topics, plants and sensors; `problem`: that of a module of `proof_system`."""
+        """Finds topics, plants and sensors; `problem` is of a module of `proof_system`."""
         self.deployed = deployed
         self.proof_system = proof_system
         self.module = problem.module.name
@@ -163,7 +163,7 @@ class Sensors:
         assert len(self.topics) == len(read)
 
     def allowed_errors_of(self, topic: Topic) -> list[float]:
-        """The error that the proof allows of each leaf of a topic."""
+        """The error that the proof allows for each leaf of a topic."""
         errors = [NO_ERROR for _ in leaves(topic.type)]
         for m in self.plants[topic.index].measured:
             if m.topic == topic.index:
@@ -174,7 +174,7 @@ class Sensors:
 def check_sensors(
     deployed: System, proof_system: System, problem: Problem, diagnostics: Diagnostics
 ) -> tuple[list[str], list[str]]:
-    """Checks the sensors (D019); returns sentences on what they cover, and on assumptions."""
+    """Checks the sensors (D019); returns sentences on covered inputs and on assumptions."""
     s = Sensors(deployed, proof_system, problem)
     before = len(diagnostics.items)
     stepped = problem.kind == "map"
@@ -200,7 +200,7 @@ def check_sensors(
 
 
 def _check_errors(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> None:
-    """Reports D019 where the error of a float is undeclared or larger than in the proof."""
+    """Reports D019 if the error of a float is undeclared or larger than in the proof."""
     for k, ((path, t), allowed) in enumerate(
         zip(leaves(topic.type), s.allowed_errors_of(topic), strict=True)
     ):
@@ -224,7 +224,7 @@ def _check_errors(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostic
 def _check_age(
     s: Sensors, topic: Topic, e: External, problem: Problem, diagnostics: Diagnostics
 ) -> None:
-    """Reports D019 where a topic comes so seldom or late that SC may read too old a value."""
+    """Reports D019 if a topic is so rare or late that SC may read a value that is too old."""
     if e.every_ns is None:
         diagnostics.error(
             "D019",
@@ -256,7 +256,7 @@ def _check_age(
 
 
 def _greatest_proved_age(topic: Topic, problem: Problem) -> int:
-    """The greatest age in ns at which SC reads a topic in the proof; `max_age` if SC does not."""
+    """The greatest age in ns at which SC reads a topic in the proof, or else its `max_age`."""
     read = (p.max_age for p in problem.times.schedule.read_by_sc if p.topic == topic.name)
     return next(read, topic.max_age_ns) or 0
 
@@ -267,7 +267,7 @@ def _oldest_read(e: External, problem: Problem) -> int:
 
 
 def _check_steps(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> None:
-    """Reports D019 where a topic does not come once in every step of its plant, without delay."""
+    """Reports D019 if a topic does not come once in each step of its plant without delay."""
     plant = s.plants[topic.index]
     if e.every_ns == plant.period_ns and not e.delay_ns:
         return

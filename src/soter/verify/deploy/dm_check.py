@@ -81,8 +81,8 @@ FAILURES_MAX = 10
 class DMCheck:
     """The result of the check of one DM, with each difference in `failures`.
 
-    `facts`: the number of combinations of facts tried (all). `states`: the number of states of the
-    classes of input. `cells`: the number of cells of tables (all).
+    `facts`: the number of combinations of facts that were tried (all of them). `states`: the number
+    of tried states of the input classes. `cells`: the number of tried table cells (all of them).
     """
 
     module: str
@@ -93,7 +93,7 @@ class DMCheck:
 
     @property
     def verdict(self) -> str:
-        """`proved` if nothing differed, else `refuted`."""
+        """The verdict `proved` if nothing differed, else `refuted`."""
         return "refuted" if self.failures else "proved"
 
     @property
@@ -108,7 +108,7 @@ class DMCheck:
         )
 
     def add_failure(self, text: str) -> None:
-        """Adds the text of a difference, up to `FAILURES_MAX` of them."""
+        """Adds the text of a difference, unless `FAILURES_MAX` texts are known already."""
         if len(self.failures) < FAILURES_MAX:
             self.failures.append(text)
 
@@ -116,7 +116,7 @@ class DMCheck:
 def expected_mode(
     mode: int, *, stale: bool, ttf: bool, safer: bool, gate_fault: bool, clean: bool
 ) -> int:
-    """The mode after a DM step (docs/semantics.md); in any doubt SC has control."""
+    """The mode after a DM step, as docs/semantics.md defines it; in doubt SC has control."""
     if mode == AC:
         return SC if ttf or stale or gate_fault else AC
     return AC if safer and not stale and clean else SC
@@ -132,9 +132,9 @@ def check_decisions(
 ) -> list[DMCheck]:
     """Checks the C of every decision module of a system.
 
-    `level_tables`: the tables of computed predicates (of one module), of which every cell is tried;
-    `leaves_of`: the (topic, leaf) that shows each state; `change` edits the C first (for tests);
-    `acted_ns`: W, the time for which a replaced command of a shield still counts; None: none does.
+    `level_tables`: the tables of computed predicates (of one module); every cell of them is tried.
+    `leaves_of`: the (topic, leaf) that shows each state. `change` edits the C first (for tests).
+    `acted_ns`: W, for how long a replaced command of a shield still counts; None means not at all.
     """
     at = leaves_of or {}
     points = {at[s]: e for t in level_tables for s, e in zip(t.states, t.ends, strict=True)}
@@ -162,7 +162,7 @@ def check_module(result: ModuleResult) -> DMCheck:
 
 
 def check_problem(problem: Problem, level_tables: Sequence[LevelTable]) -> DMCheck:
-    """Checks the DM of a module, with these tables for its computed predicates, if any."""
+    """Checks the DM of a module, whose computed predicates, if any, have these tables."""
     system = derived_systems.without_bindings(problem.whole or problem.system)
     module = system.modules[problem.module.index]
     if level_tables:
@@ -221,7 +221,7 @@ class CompiledDM:
         return levels
 
     def offsets_by_name(self, module: Module) -> dict[str, int]:
-        """The offset in bytes, in a state, of each number that a module keeps, by its name."""
+        """The byte offset, within a state, of each number that a module keeps, by name."""
         layout = self.unit.layout
         fields = state_dtype(layout)["modules"].base.fields
         assert fields is not None
@@ -229,7 +229,7 @@ class CompiledDM:
         return {name: begin + int(where[1]) for name, where in fields.items()}
 
     def decide_when_fresh(self, module: Module, state: bytearray) -> int:
-        """The DM's answer where AC has control and every topic was published just now."""
+        """The DM's answer when AC has control and every topic has just been published."""
         struct.pack_into("<q", state, 0, NOW_NS)
         for i in range(self.unit.layout.topics):
             struct.pack_into("<q", state, self.unit.layout.stamp_offset + 8 * i, NOW_NS)
@@ -239,7 +239,7 @@ class CompiledDM:
         return self.decide(module.index, state)
 
     def decide(self, module: int, state: bytearray) -> int:
-        """The DM's answer in a state; it writes the facts into `state`."""
+        """The DM's answer in a state; the DM writes the facts into `state`."""
         return int(self.lib.soter_check_decide(module, self.ffi.from_buffer(state)))
 
 
@@ -264,7 +264,7 @@ def _mode_name(mode: int) -> str:
 
 
 class _Inputs:
-    """Tries a DM on states of every class: values of topics, their ages, states of the gate."""
+    """Tries a DM on all classes of states: topic values, ages of topics, and gate states."""
 
     def __init__(self, c: CompiledDM, system: System, module: Module, check: DMCheck) -> None:
         self.c, self.system, self.module, self.check = c, system, module, check
@@ -310,7 +310,7 @@ class _Inputs:
         others: Sequence[LevelTable],
         leaves_of: Mapping[int, tuple[int, int]],
     ) -> tuple[bytearray, NDArray[np.uintp]] | None:
-        """A state, fresh and with `others` in S_(m-2), and offsets of `table`'s states; or None."""
+        """A fresh state, with `others` in S_(m-2), and the offsets of `table`'s states; or None."""
         layout, topics = self.c.unit.layout, self.system.topics
         state = ExpectedFacts(self.system, self.module).state_bytes(
             self.c.unit, tuple(t.default for t in topics)
@@ -357,7 +357,7 @@ class _Inputs:
     def _try_samples(
         self, state: bytearray, at: NDArray[np.uintp], samples: EstimateSamples
     ) -> None:
-        """Compares the levels of samples with those of the C, with other topics as in `state`."""
+        """Compares the levels of samples with those from the C; `state` has the other topics."""
         points, levels = samples.points, samples.levels
         facts = (self.at["ttf"], self.at["safer"])
         got = self.c.levels_of_points(self.module.index, state, facts, at, points)
@@ -367,10 +367,10 @@ class _Inputs:
             self.check.add_failure(f"at {where} its level is {got[k]}, not {levels[k]}")
 
     def _acting_commands(self, table: LevelTable, acted_ns: int | None) -> Iterator[ActingCommands]:
-        """Each pair of a cell of the held command and a cell of a command that may still act.
+        """Yields pairs of a cell of the held command and a cell of a command that may still act.
 
-        A pair has offset and value of both, and the samples at which both are permitted. With
-        `acted_ns` None only the held command acts.
+        Each pair has the offsets and values of both, and the samples that permit both. If
+        `acted_ns` is None, only the held command acts.
         """
         shield = self.module.shield
         if shield is None or not isinstance(table, GroupTable) or table.commands is None:
@@ -399,7 +399,7 @@ class _Inputs:
                 yield (place, value), when, tops[:, low] > high
 
     def _ages_to_try(self) -> Iterator[dict[int, int]]:
-        """Ages by topic: fresh; at a limit, beyond it, never published; `ASKED_NS`."""
+        """Yields ages by topic: fresh, at a limit, beyond it, never published, `ASKED_NS`."""
         yield {}
         for index, limit in self.limits:
             for age in (limit, limit + 1, NOW_NS - NEVER):
@@ -445,7 +445,7 @@ class _Inputs:
             )
 
     def _try_latch(self, state: bytearray, *, ttf: bool, safer: bool) -> None:
-        """Tries the latch in every state, with all topics fresh and no clean outputs owed."""
+        """Tries the latch in every state; all topics are fresh and AC owes no clean outputs."""
         if self.latch is None or self.tried[ttf, safer] >= LATCHES:
             return
         self.tried[ttf, safer] += 1
@@ -476,7 +476,7 @@ class _Inputs:
 
 
 def _offset_of_leaf(layout: StateLayout, topic: Topic, leaf: int) -> int:
-    """The offset in a state, in bytes, of a leaf of a topic that is in no list."""
+    """The byte offset, within a state, of a topic's leaf that is not inside a list."""
     path = list(leaves(topic.type))[leaf][0]
     every = placed_leaves(topic.type, layout.topic_offset(topic.index))
     return next(at for p, _, at in every if p == path)

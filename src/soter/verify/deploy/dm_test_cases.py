@@ -78,7 +78,7 @@ unsigned soter_check_switch(unsigned mode, unsigned facts) {{
 
 
 def gate_states(module: Module) -> Iterator[tuple[int, int, int]]:
-    """Every state of the gate: (mode, gate fault, clean outputs owed)."""
+    """Yields every state of the gate: (mode, gate fault, clean outputs owed)."""
     owed = (0, 1, module.clean, 2**31, 2**32 - 1)
     for mode in (SC, AC):
         for gate_fault in (0, 1):
@@ -89,7 +89,7 @@ def gate_states(module: Module) -> Iterator[tuple[int, int, int]]:
 def topic_values(
     system: System, read: Sequence[int], points: Points, chance: random.Random
 ) -> Iterator[tuple[Value, ...]]:
-    """Values of the topics that are read: each leaf in each class, then random points."""
+    """Yields values for the read topics: each leaf in each class, then random points."""
     flat = []
     for index in read:
         topic = system.topics[index]
@@ -112,14 +112,14 @@ def topic_values(
 
 @dataclass(frozen=True)
 class _TriedLeaf:
-    """The values that are tried for one scalar of a topic."""
+    """The values to try for one scalar of a topic."""
 
     type: Type
     bound: Bound | None
     points: Sequence[float] = ()
 
     def values_of_each_class(self) -> Iterator[Value]:
-        """Values of every class: special ones, ends and points, and the neighbours of these."""
+        """Yields values of every class: special values, ends, points, and neighbours of these."""
         if isinstance(self.type, FloatType):
             yield from SPECIAL
             ends = () if self.bound is None else (self.bound.low, self.bound.high)
@@ -139,7 +139,7 @@ class _TriedLeaf:
         return self.type.low, self.type.high
 
     def random_value(self, chance: random.Random) -> Value:
-        """A random value, within its range if it has one."""
+        """A random value within the leaf's range, if it has a range."""
         if isinstance(self.type, FloatType):
             if self.points:
                 low, high = min(self.points), max(self.points)
@@ -155,7 +155,7 @@ class _TriedLeaf:
 
 
 def _value_from_leaves(t: Type, values: Iterator[Value]) -> Value:
-    """A value of type `t`, built from the next leaves in order."""
+    """Builds a value of type `t` from the next leaf values, in order."""
     if isinstance(t, RecordType):
         return tuple(_value_from_leaves(f, values) for _, f in t.fields)
     if isinstance(t, ArrayType):
@@ -187,7 +187,7 @@ class ExpectedFacts:
     def expected_ttf_and_safer(
         self, topics: tuple[Value, ...], ages: Mapping[int, int]
     ) -> tuple[bool, bool]:
-        """The truths (ttf, safer) that the DM has to find; a fault counts as unsafe.
+        """The values of ttf and safer that the DM must find; a fault counts as unsafe.
 
         `ages`: the ages, in ns, of topics that were not published just now.
         """
@@ -197,7 +197,7 @@ class ExpectedFacts:
         )
 
     def safe(self, topics: tuple[Value, ...]) -> bool:
-        """Whether `safe` holds of these values of topics; a fault counts as unsafe."""
+        """Whether `safe` holds for these topic values; a fault counts as unsafe."""
         return self._truth_or_fault(self._safe, self._environment(topics, {}), fault=False)
 
     def _environment(self, topics: tuple[Value, ...], ages: Mapping[int, int]) -> Environment:
@@ -212,14 +212,14 @@ class ExpectedFacts:
         )
 
     def _truth_or_fault(self, predicate: Compiled | None, env: Environment, *, fault: bool) -> bool:
-        """The truth of a predicate; `fault` where the predicate faults, or is None."""
+        """The truth value of a predicate; `fault` if the predicate faults or is None."""
         try:
             return fault if predicate is None else bool(predicate(env))
         except StepFault:
             return fault
 
     def state_bytes(self, unit: Unit, topics: tuple[Value, ...]) -> bytearray:
-        """The bytes of a state that holds these values of topics."""
+        """The bytes of a state that holds these topic values."""
         defaults = [t.default for t in self.system.topics]
         self._image = self._image or _state_with_topics(bytearray(unit.layout.size), unit, defaults)
         new = (None if v is d else v for v, d in zip(topics, defaults, strict=True))
@@ -227,7 +227,7 @@ class ExpectedFacts:
 
 
 def _state_with_topics(out: bytearray, unit: Unit, topics: Sequence[Value | None]) -> bytearray:
-    """The state `out`, in which each topic gets its value; None leaves a topic as it was."""
+    """Writes the topic values into the state `out` and returns it; None keeps the old value."""
     for at, m in (
         (g.offset, m) for g in unit.layout.groups if g.owner < 0 for m in g.struct.members
     ):
@@ -244,7 +244,7 @@ Held = tuple[int, int]
 
 
 class Seen(NamedTuple):
-    """The inputs of a DM's look: its memory, the button, and the button's stamp in ns."""
+    """The inputs of one DM look at its latch: memory, button, and the button's stamp in ns."""
 
     held: Held
     pressed: bool = False
@@ -253,7 +253,7 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True)
 class LatchBytes:
-    """The offsets in bytes of a module's latch in a state; `button` is None for `returns never`."""
+    """The byte offsets of a module's latch in a state; `button` is None for `returns never`."""
 
     value: int
     since: int
@@ -263,7 +263,7 @@ class LatchBytes:
 
     @classmethod
     def of_module(cls, system: System, layout: StateLayout, module: Module) -> LatchBytes | None:
-        """The latch of a module; None where it has none."""
+        """The byte offsets of a module's latch; None if the module has no latch."""
         if module.latch is None:
             return None
         button = module.acknowledgement
@@ -276,13 +276,13 @@ class LatchBytes:
         )
 
     def release(self, state: bytearray) -> None:
-        """Writes a latch that lets AC have control, as it is acknowledged or was never engaged."""
+        """Writes a latch that lets AC have control: acknowledged, or never engaged."""
         now = struct.unpack_from("<q", state, 0)[0]
         held = (0, NEVER) if self.button is None else (ACKNOWLEDGED, now)
         self.write_look(state, Seen(held))
 
     def write_look(self, state: bytearray, seen: Seen) -> None:
-        """Writes the inputs of a look into a state: a memory, the button and its stamp."""
+        """Writes the inputs of a look (memory, button and stamp) into a state."""
         struct.pack_into("<b", state, self.value, seen.held[0])
         struct.pack_into("<q", state, self.since, seen.held[1])
         if self.button is not None:
@@ -290,12 +290,12 @@ class LatchBytes:
             struct.pack_into("<q", state, self.stamp, seen.stamp)
 
     def read_memory(self, state: bytearray) -> Held:
-        """Reads the memory that the DM has written into a state."""
+        """Reads the memory that the DM wrote into a state."""
         value = struct.unpack_from("<b", state, self.value)[0]
         return int(value), int(struct.unpack_from("<q", state, self.since)[0])
 
     def all_looks(self, now: int) -> Iterator[Seen]:
-        """All looks to try: every value of the memory, every order of times, ages at the limit."""
+        """Yields all looks to try, with each memory value, order of times, and age at the limit."""
         if self.button is None:
             yield from (Seen((value, NEVER)) for value in (0, 1))
             return
@@ -321,7 +321,7 @@ class LatchBytes:
         return (value, since), value == ACKNOWLEDGED
 
     def memory_after_switch(self, mode: int, now: int) -> Held:
-        """The memory after a switch to this mode."""
+        """The memory of the latch after a switch to this mode."""
         if self.button is None:
             return 1, NEVER
         return WAITS, NEVER if mode == AC else now

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 
 class Writer:
-    """Builds checked expressions and statements, all at one place of the program's text."""
+    """Builds checked expressions and statements, all at one position in the program's text."""
 
     def __init__(self, span: Span) -> None:
         self.span = span
@@ -68,11 +68,11 @@ class Writer:
         return t.Literal(FLOAT, self.span, value)
 
     def floats(self, values: Sequence[t.TypedExpr]) -> t.TypedExpr:
-        """The array of these numbers."""
+        """An array expression of these numbers."""
         return t.Aggregate(ArrayType(FLOAT, len(values)), self.span, tuple(values))
 
     def real_op(self, op: str, left: t.TypedExpr, right: t.TypedExpr) -> t.TypedExpr:
-        """An arithmetic operation on two floats."""
+        """An arithmetic operation on two float expressions."""
         return t.TypedBinary(FLOAT, self.span, op, left, right)
 
     def variable(self, name: str, kind: str, type_: Type) -> t.Variable:
@@ -84,11 +84,11 @@ class Writer:
         return t.VarRead(variable.type, self.span, variable)
 
     def op(self, op: str, left: t.TypedExpr, right: t.TypedExpr) -> t.TypedExpr:
-        """An operation on two operands: arithmetic on ints, a comparison, or a connective."""
+        """An operation on two operands: int arithmetic, a comparison, or a connective."""
         return t.TypedBinary(INT if op in "+-*/%" else BOOL, self.span, op, left, right)
 
     def chain(self, op: str, terms: Sequence[t.TypedExpr]) -> t.TypedExpr:
-        """The expression of several booleans joined by a connective."""
+        """An expression that joins several booleans by a connective."""
         first, *rest = terms
         for term in rest:
             first = self.op(op, first, term)
@@ -100,7 +100,7 @@ class Writer:
         return t.Index(array.type.element, self.span, array, index)
 
     def array(self, name: str, element: Type, values: tuple[Value, ...]) -> t.TypedExpr:
-        """A constant array with a name."""
+        """A named constant array."""
         return t.Literal(ArrayType(element, len(values)), self.span, values, name)
 
     def table_of_bytes(self, name: str, values: bytes) -> t.TypedExpr:
@@ -113,7 +113,7 @@ class Writer:
         return t.Literal(of, self.span, Table(element, numbers.tobytes()), name)
 
     def leaf_of(self, topic: t.TopicSymbol, path: Sequence[str]) -> t.TypedExpr:
-        """The expression of one leaf of a topic."""
+        """The expression that reads one leaf of a topic."""
         e: t.TypedExpr = t.TopicRead(topic.type, self.span, topic)
         for part in path:
             if isinstance(e.type, RecordType):
@@ -125,7 +125,7 @@ class Writer:
         return e
 
     def declare(self, variable: t.Variable, value: t.TypedExpr) -> t.TypedStmt:
-        """The statement `let` or `var`, by the variable's kind."""
+        """The declaration of a variable, by `let` or `var` as its kind demands."""
         return t.TypedDeclare(self.span, variable, value)
 
     def assign(self, variable: t.Variable, value: t.Variable) -> t.TypedStmt:
@@ -140,7 +140,7 @@ class Writer:
     def function(
         self, name: str, parameters: tuple[t.Variable, ...], body: list[t.TypedStmt]
     ) -> t.FunSymbol:
-        """A function with an int result."""
+        """Makes a function with an int result."""
         return t.FunSymbol(name, self.span, parameters, INT, tuple(body), False, None)
 
     def call_of(self, fun: t.FunSymbol, *arguments: t.TypedExpr) -> t.TypedExpr:
@@ -150,7 +150,7 @@ class Writer:
 
 @dataclass(frozen=True, eq=False)
 class EstimateSamples:
-    """Estimates on which the compiled DM is tried: `points` (n, states) and `levels` (n,)."""
+    """Estimates for trials of the compiled DM: `points` (n, states) and their `levels` (n,)."""
 
     points: NDArray[np.float64]
     levels: NDArray[np.uint8]
@@ -159,7 +159,7 @@ class EstimateSamples:
 class LevelTable(ABC):
     """A table of the levels of a group's estimates: 0 (`ttf`), 1 (in S_0), 2 (in S_(m-2)).
 
-    `states`: the states that the DM sees, in the order in which the function takes them.
+    `states`: the states that the DM sees, in the order of the table function's arguments.
     """
 
     states: tuple[int, ...]
@@ -178,25 +178,25 @@ class LevelTable(ABC):
     @property
     @abstractmethod
     def point_inside(self) -> tuple[float, ...] | None:
-        """A point well inside S_(m-2), a number per state; None where S_(m-2) is empty."""
+        """A point well inside S_(m-2), with a number per state; None if S_(m-2) is empty."""
 
     @property
     @abstractmethod
     def samples(self) -> EstimateSamples | None:
-        """Estimates to try the compiled function on; None where all have the same level."""
+        """Estimates for trials of the compiled function; None if all have the same level."""
 
     @abstractmethod
     def function(self, w: Writer, name: str) -> FunSymbol:
         """The function `fun level(x0: float, ...): int`, which finds the level of an estimate."""
 
     def more_arguments(self, w: Writer, problem: Problem) -> list[TypedExpr]:
-        """Arguments of the table's function that come after the estimate."""
+        """The arguments of the table's function that follow the estimate."""
         del w, problem
         return []
 
     @abstractmethod
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
-        """The table's entry in a certificate; `names`: those of all states."""
+        """Describes the table for a certificate; `names` are those of all states of the problem."""
 
 
 PER_BYTE = 4
@@ -209,10 +209,10 @@ FULL = 2
 class CommandTable:
     """The commands that a shield permits.
 
-    `tops`: for each cell and command cell i the number of the first command cell whose commands may
-    not act together with those of i; 0 if those of i may not act. `control`: the number of the
-    control; None if none moves the group. `lasting`: for each cell and command cell 1 where its
-    commands may act for longer, else 0; None if the shield does not need it.
+    `tops`: for each grid cell and command cell i the first command cell whose commands may not act
+    together with those of i; 0 if those of i may not act at all. `control`: the index of the
+    control, None if no control moves the group. `lasting`: 1 for each grid cell and command cell
+    whose commands may act for longer, else 0; None if the shield does not need it.
     """
 
     control: int | None
@@ -244,20 +244,20 @@ class GroupTable(LevelTable):
 
     @property
     def packed(self) -> bytes:
-        """The levels, four cells a byte, the first in the lowest bits, in C order."""
+        """The levels in C order, four cells per byte, with the first cell in the lowest bits."""
         flat = self.entries.ravel()
         flat = np.concatenate([flat, np.zeros(-len(flat) % PER_BYTE, dtype=np.uint8)])
         four: NDArray[np.uint8] = flat.reshape(-1, PER_BYTE) @ np.array(POWERS, dtype=np.uint8)
         return four.tobytes()
 
     def share_of_volume(self, group: Group) -> float:
-        """The share that S_0 has of the volume of the axes that the DM sees."""
+        """The share of S_0 in the volume of the axes that the DM sees."""
         axes = [a for a in group.axes if a.state in self.states]
         return volume_share(self.entries > 0, drawn_edges(axes))
 
     @property
     def point_inside(self) -> tuple[float, ...] | None:
-        """The middle of a cell of S_(m-2); None where there is no such cell."""
+        """The middle of a cell of S_(m-2); None if S_(m-2) has no cells."""
         best = np.unravel_index(int(self.entries.argmax()), self.entries.shape)
         if self.entries[best] != FULL:
             return None
@@ -271,7 +271,7 @@ class GroupTable(LevelTable):
 
     @property
     def samples(self) -> EstimateSamples | None:
-        """The middle of every cell with a double inside, with its level; None without axes."""
+        """The middle of every cell that contains a double, with its level; None without axes."""
         if not self.states:
             return None  # one entry for all estimates
         middle = [np.array(e[:-1]) / 2 + np.array(e[1:]) / 2 for e in self.edges]
@@ -282,7 +282,7 @@ class GroupTable(LevelTable):
 
     @property
     def has_double_inside(self) -> Bools:
-        """Truths, (cells,) in C order: whether there is a double between the ends of a cell."""
+        """Whether each cell (in C order) has a double between its ends: (cells,)."""
         edges = [np.array(e) for e in self.edges]
         middle = [e[:-1] / 2 + e[1:] / 2 for e in edges]
         wide = [(m > e[:-1]) & (m < e[1:]) for m, e in zip(middle, edges, strict=True)]
@@ -293,7 +293,7 @@ class GroupTable(LevelTable):
         return level_function(w, name, self)
 
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
-        """The table's entry in a certificate: breakpoints and packed levels, as in the C."""
+        """The table's description for a certificate: breakpoints and packed levels, as in the C."""
         files[f"{stem}.bin"] = self.packed
         axes = []
         for i, (state, edges) in enumerate(zip(self.states, self.edges, strict=True)):
@@ -307,7 +307,7 @@ class GroupTable(LevelTable):
 
 
 def pairs_of(case: CaseSets) -> Pairs:
-    """The pairs (S_0, S_(m-2)) of the groups of a case that have them."""
+    """The sets (S_0, S_(m-2)) of each group of a case that has such sets."""
     return [p.estimate_levels for p in case.proofs if p.estimate_levels is not None]
 
 
@@ -318,7 +318,7 @@ def tables_of_groups(problem: Problem, cases: Sequence[Pairs]) -> list[GroupTabl
 
 
 def group_table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTable:
-    """The table of a grid; `pairs`: (S_0, S_(m-2)) of each case, in the grid's shape."""
+    """Makes the table of a grid; `pairs` has (S_0, S_(m-2)) of each case, in the grid's shape."""
     shown = topics_seen_by_dm(problem)
     sure = np.logical_and.reduce([np.asarray(p.outer) for p in pairs])
     inner = np.logical_and.reduce([np.asarray(p.inner) for p in pairs]) & sure
@@ -338,7 +338,7 @@ def group_table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> G
 def _permitted_commands(
     problem: Problem, pairs: Sequence[Estimates], unseen: tuple[int, ...]
 ) -> CommandTable | None:
-    """The commands that a shield permits in every case, wherever the axes are that no DM sees."""
+    """The commands that a shield permits in every case, for all values on axes that no DM sees."""
     every = [p.commands for p in pairs if p.commands is not None]
     if len(every) < len(pairs) or len({c.control for c in every}) != 1:
         return None
@@ -358,8 +358,8 @@ def predicates_of_tables(
 ) -> tuple[t.TypedExpr, t.TypedExpr]:
     """The predicates (ttf, safer), which read the tables.
 
-    `ttf` holds where some group is below level 1, `safer` where every group is at level 2. If no
-    table has a level 1, `ttf` is "not safer".
+    `ttf` holds if some group is below level 1, `safer` if every group is at level 2. If no table
+    has a level 1, `ttf` is "not safer".
     """
     symbol = problem.module.symbol
     w = Writer(symbol.span)
@@ -377,7 +377,7 @@ def predicates_of_tables(
 
 
 def estimate_leaves(w: Writer, problem: Problem, table: LevelTable) -> list[t.TypedExpr]:
-    """The expressions of the leaves of topics that make the estimate for a table."""
+    """The expressions that read the estimate for a table from the topics."""
     shown, arguments = topics_seen_by_dm(problem), []
     for state in table.states:
         topic, leaf = problem.topic_leaf_of_state[state]
@@ -389,7 +389,7 @@ def estimate_leaves(w: Writer, problem: Problem, table: LevelTable) -> list[t.Ty
 def grid_ends(
     problem: Problem, level_tables: Sequence[LevelTable]
 ) -> dict[str, tuple[float, float]]:
-    """The two ends of the axis of each leaf, by the leaf's name; axes that wrap are left out."""
+    """The two ends of each leaf's axis, by leaf name, without axes that wrap around."""
     shown, ends = topics_seen_by_dm(problem), {}
     for x in level_tables:
         if isinstance(x, GroupTable):
@@ -404,9 +404,9 @@ def grid_ends(
 def place_function(
     w: Writer, name: str, edges: Sequence[float], *, wraps: bool = False
 ) -> t.FunSymbol:
-    """The function `fun place(x: float): int`: the number of a cell that contains x, or -1.
+    """Makes `fun place(x: float): int`: the number of the cell that contains x, or -1.
 
-    `wraps`: the function first moves x back by whole turns, if these are not too many.
+    `wraps`: the function first moves x by whole turns, if these are not too many.
     """
     count = len(edges) - 1
     table = w.array(f"{name}_EDGES", FLOAT, tuple(float(e) for e in edges))
@@ -424,14 +424,14 @@ def place_function(
     inside = w.op("&&", w.op(">=", w.read(x), first), w.op("<=", w.read(x), last))
     begin = [w.declare(low, w.integer(0)), w.declare(high, w.integer(count))]
     if wraps:
-        begin.append(w.declare(x, _brought_back(w, argument, edges[0], edges[-1])))
+        begin.append(w.declare(x, _without_whole_turns(w, argument, edges[0], edges[-1])))
         size = t.Builtin(FLOAT, w.span, "abs", (w.read(argument),))
         inside = w.op("&&", w.op("<=", size, w.decimal(FARTHEST)), inside)
     answer = t.Conditional(INT, w.span, inside, w.read(low), w.integer(-1))
     return w.function(name, (argument,), [*begin, *([search] if rounds else []), w.result(answer)])
 
 
-def _brought_back(w: Writer, x: t.Variable, low: float, high: float) -> t.TypedExpr:
+def _without_whole_turns(w: Writer, x: t.Variable, low: float, high: float) -> t.TypedExpr:
     """The expression min(max(x - turn * floor((x - low) / turn), low), high): x less whole turns.
 
     Up to `FARTHEST` its error is below `FAR_TURNS`: the turn is off by 2^-51, so its multiple by
@@ -453,7 +453,7 @@ def cell_number(
     edges_by_axis: Sequence[Sequence[float]],
     wraps: Sequence[bool] = (),
 ) -> tuple[list[t.TypedStmt], t.TypedExpr]:
-    """Statements that return 0 outside of the grid, and the expression of the cell's number."""
+    """Statements that return 0 outside the grid, and an expression for the cell's number."""
     body: list[t.TypedStmt] = []
     cell: t.TypedExpr = w.integer(0)
     outside = []
@@ -470,7 +470,7 @@ def cell_number(
 
 
 def level_function(w: Writer, name: str, table: GroupTable) -> t.FunSymbol:
-    """The function `fun level(x0: float, ...): int`: the level of an estimate, 0 off the grid."""
+    """Makes `fun level(x0: float, ...): int`: the level of an estimate, 0 outside the grid."""
     inputs = tuple(w.variable(f"x{k}", "parameter", FLOAT) for k in range(len(table.edges)))
     body, cell = cell_number(w, name, inputs, table.edges, table.wraps)
     at = w.variable("cell", "let", INT)

@@ -78,13 +78,13 @@ NEVER = "ttf and safer are not computed, its AC never gets control"
 
 
 class Known(Protocol):
-    """A source of sets that need not be computed; it is also told which tables are built."""
+    """A source of sets that need no computation; it also learns which tables are built."""
 
     def sets(self, problem: Problem) -> list[Pairs] | None:
         """The pairs (S_0, S_(m-2)) of every case; None if the source does not have them."""
 
     def check_build(self, problem: Problem, level_tables: Found) -> None:
-        """Is told the tables of a module's DM (none: no predicates); may raise to refuse them."""
+        """Receives the tables of a module's DM, if it has any; may raise an error against them."""
 
 
 def modules_to_complete(flat: System) -> list[Module]:
@@ -93,11 +93,11 @@ def modules_to_complete(flat: System) -> list[Module]:
 
 
 def complete(flat: System, known: Known | None = None) -> list[str]:
-    """Computes `ttf` and `safer` of each module of `flat` that has neither, and puts them there.
+    """Computes missing `ttf` and `safer` of the modules of `flat`, and stores them in the modules.
 
-    A module that determines no verification problem, or for which no sets are found, stays as it
-    is: its AC never gets control. `known`: sets that need not be computed. Returns a note about
-    each module. A listener to the progress may raise `CancelledError`.
+    A module stays as it is if it determines no verification problem or if no sets are found; its AC
+    then never gets control. `known`: sets that need no computation. Returns a note about each
+    module. A listener to the progress may raise `CancelledError`.
     """
     if flat.proved is not None:  # of a deployed system: what was computed where it was proved
         notes = complete(flat.proved, known)
@@ -165,7 +165,7 @@ def _install_tube_predicates(
 
 
 def _unshown_in_words(claims: Sequence[RestClaims]) -> str:
-    """The words for claims about a module's plans that are not shown; "" if all are shown."""
+    """Describes the claims about a module's plans that are not shown; "" if all are shown."""
     return "; ".join(filter(None, dict.fromkeys([*(c.moves for c in claims), claims[0].start])))
 
 
@@ -201,7 +201,7 @@ def _decision_cost(check: TubeCheck) -> Cost:
 
 
 def rest_claims(check: TubeCheck) -> RestClaims:
-    """The claims that are shown of a module's `rest`, from the cache or computed."""
+    """The shown claims of a module's `rest`, from the cache or computed now."""
     p = check.problem
     names = [s.name for s in p.quantities.states]
     ranges = (p.drifts, p.states, p.initial, p.disturbances, check.read_sets, names)
@@ -219,10 +219,10 @@ def rest_claims(check: TubeCheck) -> RestClaims:
 
 
 def _copy_predicates(deployed: System, proof_system: System) -> None:
-    """Gives the modules of `deployed` the predicates that were computed for `proof_system`.
+    """Copies to the modules of `deployed` the predicates computed for `proof_system`.
 
-    A margin of theirs reaches only to the next look (`Module.looks` stays 1): whether AC keeps
-    control for more looks depends on the sensors, which may not be covered.
+    Their margins reach only to the next look (`Module.looks` stays 1): whether AC keeps control for
+    more looks depends on the sensors, which may not be covered.
     """
     for m in deployed.modules:
         proved = next(x for x in proof_system.modules if x.name == m.name)
@@ -243,7 +243,7 @@ def _copy_shield(
 ) -> list[TopicSymbol]:
     """Copies the shield's expressions from the proved module; returns the topics that they read.
 
-    Adds to `scope` the index of the shield's topic in this system.
+    Adds the index of the shield's topic in this system to `scope`.
     """
     if m.shield is None or proved.shield is None or proved.shield.held is None:
         return []
@@ -280,7 +280,7 @@ def install_predicates(flat: System, module: Module, problem: Problem, level_tab
 def _shield_ttf(
     flat: System, module: Module, problem: Problem, level_tables: Found, scope: dict[Any, int]
 ) -> TypedExpr:
-    """The `ttf` of a module with a shield: the command that is held is not permitted.
+    """The `ttf` of a module with a shield, true if the held command is not permitted.
 
     It is always true if some group has no table of commands. Also fills in the module's shield.
     """
@@ -307,7 +307,7 @@ def _shield_ttf(
 def _add_read_topics(
     flat: System, module: Module, shield: Shield, scope: dict[Any, int], ttf: TypedExpr
 ) -> TypedExpr:
-    """Returns `ttf` after adding the topics that a shield reads to the module's and DM's scopes."""
+    """Adds the topics that a shield reads to the scopes of the module and DM; returns `ttf`."""
     hidden = [i for i in (shield.topic, shield.proposed) if i is not None]
     scope = {**scope, **{flat.topics[i].symbol: i for i in hidden}}
     for symbol in topic_reads(*shield.expressions):
@@ -317,12 +317,12 @@ def _add_read_topics(
 
 
 def looks_with_control(problem: Problem, level_tables: Found) -> int:
-    """The number of looks of the DM for which AC keeps control once `safer` holds: m - 1, or 1.
+    """For how many looks of the DM AC keeps control once `safer` holds: m - 1, or only 1.
 
     An estimate in S_(m-2) leaves ttf false at the next m - 2 looks (docs/proof-sets.md, Margin).
-    The number is 1, which promises nothing beyond the next look, where this does not hold: a table
-    of several cases, as levels are nested only within each case; a map, as a state may come to lie
-    on the border of a cell; a check in flight, which has no levels.
+    The number is 1, which promises nothing beyond the next look, in three cases: a table of several
+    parameter cases, because levels are nested only within each; a map, because a state may come to
+    lie on the border of a cell; a check in flight, which has no levels.
     """
     alone = sum(1 for _ in parameter_cases(problem)) == 1
     inside = problem.kind == "flow" and all(isinstance(x, GroupTable) for x in level_tables)
@@ -330,9 +330,9 @@ def looks_with_control(problem: Problem, level_tables: Found) -> int:
 
 
 def find_sets(problem: Problem) -> tuple[Problem, list[Pairs] | None]:
-    """The problem on its chosen cells and levels, and (S_0, S_(m-2)) of every case.
+    """The problem with its chosen cells and levels, and the sets (S_0, S_(m-2)) of every case.
 
-    The sets are read from the cache or computed; they are None where the engine has no answer.
+    The sets are read from the cache or computed; they are None if the engine has no answer.
     """
     phase(f"{problem.name}: computing ttf and safer", anew=True)
     library, _ = library_of(problem)
@@ -364,9 +364,9 @@ def _compute_sets(problem: Problem, library: ReachLibrary) -> Sets | None:
 
 
 def _cases_with_levels(library: ReachLibrary, problem: Problem) -> list[Case] | None:
-    """Every case with its levels, after P2b, for which K may lose cells.
+    """All cases with their levels, after P2b, for which K may lose cells.
 
-    None where the dynamics have no enclosure. There are no levels where some case has no K.
+    None if the dynamics have no enclosure. The cases have no levels if one of them has no K.
     """
     every = list(parameter_cases(problem))
     done = []
@@ -381,7 +381,7 @@ def _cases_with_levels(library: ReachLibrary, problem: Problem) -> list[Case] | 
 
 
 def _case_with_levels(library: ReachLibrary, problem: Problem, parameter: tuple[int, ...]) -> Case:
-    """One case with its levels, if it has a K."""
+    """Computes one case, with its levels if it has a K."""
     case = claims.open_case(problem, library, problem.groups, parameter)
     within = claims.compute_constraint(case)
     phase(f"{problem.name}: what SC keeps")
@@ -394,7 +394,7 @@ def _case_with_levels(library: ReachLibrary, problem: Problem, parameter: tuple[
 
 
 def _cache_key(problem: Problem, library: ReachLibrary) -> str:
-    """The hash of everything the sets depend on: the enclosures' code, all numbers, the engine."""
+    """A hash of everything that determines the sets: enclosures, all numbers, the engine."""
     hashed = hashlib.sha256()
     for part in (
         VERSION,
@@ -431,7 +431,7 @@ def _cache_key(problem: Problem, library: ReachLibrary) -> str:
 
 
 def _key_parts_of_law(problem: Problem) -> tuple[object, ...]:
-    """The parts of the cache key about a fail-safe law, whose core K_fs SC has to keep, too."""
+    """The parts of the cache key for a fail-safe law, because SC also has to keep its core K_fs."""
     law = problem.law
     if law is None:
         return ()
@@ -440,14 +440,14 @@ def _key_parts_of_law(problem: Problem) -> tuple[object, ...]:
 
 
 def engine_files() -> list[Path]:
-    """Every file of `ENGINE_ROOMS`, on which the sets depend."""
+    """All source files in `ENGINE_ROOMS`, which determine the computed sets."""
     files = [f for room in ENGINE_ROOMS for f in files_below(SOTER / room, "*.py", "*.[ch]")]
     texts = [f for room in ("language", "verify") for f in files_below(SOTER / room, "*.soter")]
     return [*files, *texts]
 
 
 def _store_sets(key: str, problem: Problem, pairs: list[Pairs]) -> None:
-    """Writes the sets into the cache; a cache that cannot be written is no error."""
+    """Writes the sets into the cache; a failed write is no error."""
     arrays: dict[str, NDArray[np.generic]] = {LEVELS: np.array(problem.levels)}
     for k, axis in enumerate(a for group in problem.groups for a in group.axes):
         arrays[f"{EDGES}{k}"] = np.array(axis.edges)
@@ -460,7 +460,7 @@ def _store_sets(key: str, problem: Problem, pairs: list[Pairs]) -> None:
 
 
 def _cached_sets(key: str, problem: Problem) -> Sets | None:
-    """The cached sets of an earlier run; None where there are none."""
+    """The sets that an earlier run cached; None if the cache does not have them."""
     folder = find_cached("sets", key, (FILE,))
     if folder is None:
         return None

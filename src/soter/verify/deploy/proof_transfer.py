@@ -42,7 +42,7 @@ def certified_sets(
 
     `system` and `module` are names in the certificate.
 
-    None where the certificate does not have exactly this problem's cases, groups and grids.
+    None unless the certificate has exactly this problem's cases, groups and grids.
     """
     entries = [
         e
@@ -84,7 +84,7 @@ def difference_from_certificate(
     problem: Problem,
     built: Sequence[LevelTable] | None,
 ) -> str:
-    """The first part of a module's DM that differs from its certificate, in words; "" if none does.
+    """Describes the first part of a module's DM that differs from its certificate; "" if none does.
 
     `built`: its tables, or the check that follows SC; empty if it has neither, so that AC never
     gets control; None if the program has the predicates, so that only figures are compared.
@@ -111,7 +111,7 @@ def difference_from_certificate(
 
 
 def _wraps_the_same_axes(entry: Mapping[str, Any], problem: Problem) -> bool:
-    """Whether the same axes wrap around as in the certificate's entry."""
+    """Whether the axes that wrap around are the same as in the certificate's entry."""
     names = [i["name"] for i in entry["inputs"] if i["kind"] == "state"]
     wraps = entry.get("wraps", ())
     return {k for k, name in enumerate(names) if name in wraps} == problem.quantities.turning
@@ -120,7 +120,7 @@ def _wraps_the_same_axes(entry: Mapping[str, Any], problem: Problem) -> bool:
 def _dm_parts_without_names(
     entry: Mapping[str, Any], contents: Mapping[str, object]
 ) -> dict[str, Any]:
-    """The parts of an entry that make a DM; names, which an import may change, become numbers."""
+    """The DM's parts of an entry, with numbers for names, because imports may change names."""
     rest, inputs = entry.get("rest") or {}, entry["inputs"]
     parts = {key: entry[key] for key in ("times", "tables", "wraps", "levels") if key in entry}
     parts |= rest
@@ -136,7 +136,7 @@ def _resolve_names(
     places: Mapping[str, list[str]],
     key: str,
 ) -> Any:  # noqa: ANN401 - the same
-    """A copy of a part of an entry, found at `key`, with a number or bytes for each name."""
+    """A copy of a part of an entry, found under `key`, with numbers or bytes in place of names."""
     if isinstance(entry, dict):
         return {k: _resolve_names(of, contents, places, k) for k, of in entry.items()}
     if isinstance(entry, list):
@@ -150,7 +150,7 @@ def _resolve_names(
 def _certified_sets_of_group(
     certificate: Certificate, problem: Problem, group: Group, entry: dict[str, Any]
 ) -> Estimates | None:
-    """The sets S_0 and S_(m-2) of a group; None if the entry has none, or is of another group."""
+    """The sets S_0 and S_(m-2) of a group; None if the entry lacks them or has another group."""
     names = [problem.quantities.states[a.state].name for a in group.axes]
     if entry["kind"] != "grid" or [a["state"] for a in entry["axes"]] != names:
         return None
@@ -168,7 +168,7 @@ IN_TIME = "the loop runs every instant no later than `late` says (SOTER_LATE tel
 
 @dataclass(eq=False)
 class TransferredProof:
-    """The proof that a module of a deployed system takes over, or the reason `why_not`."""
+    """The proof that a module of a deployed system takes over, or a reason (`why_not`) if none."""
 
     module: str
     why_not: str = ""
@@ -184,7 +184,7 @@ def transferred_proofs(deployed: System, proof_system: System) -> tuple[Transfer
 
     No predicates have been computed for `proof_system` yet.
 
-    `SoterError` D019 where an input from outside is not covered.
+    Raises `SoterError` D019 if an input from outside is not covered.
     """
     diagnostics = Diagnostics()
     proved = faultless(without_held_topics(proof_system))
@@ -195,7 +195,7 @@ def transferred_proofs(deployed: System, proof_system: System) -> tuple[Transfer
 
 
 def advice_to_deploy(deployed: System, cert: str) -> tuple[str, str]:
-    """Advice for a system with plants that somebody wants to build with a certificate."""
+    """Advice for a user who builds a system with plants and passes a certificate."""
     outside = {i for c in deployed.components if c.plant for i in (*c.writes, *c.reads)}
     outside |= {t.index for t in deployed.topics if t.driver == "input"}
     met = " ".join(f"external topic {t.name};" for t in deployed.topics if t.index in outside)
@@ -208,7 +208,7 @@ def advice_to_deploy(deployed: System, cert: str) -> tuple[str, str]:
 
 
 def _require_all_sensed(deployed: System, proof_system: System, diagnostics: Diagnostics) -> None:
-    """Reports D019 where a plant reads a topic that is no external topic of the deployed system."""
+    """Reports D019 if a plant reads a topic that is not external in the deployed system."""
     sensed, system = {deployed.topics[e.topic].name for e in deployed.externals}, deployed.name
     for c in proof_system.components:
         for topic in c.plant.reads if c.plant is not None else ():
@@ -255,7 +255,7 @@ def _transferred_proof(
 
 
 def _why_not_carried(problem: Problem, module: Module) -> str:
-    """Why a proof of this kind does not hold for a deployed system; "" where it may hold."""
+    """The reason why such a proof does not hold for a deployed system; "" if it may hold."""
     if module.symbol.verify.abstracts or problem.view:
         return (
             "it was proved on verification plants (`abstracts`), and how old a state is behind the "

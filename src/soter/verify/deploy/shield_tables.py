@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 def moved_commands(
     w: ShieldWriter, topic: Topic, tables: Sequence[GroupTable], ends: t.FunSymbol
 ) -> Iterator[t.TypedExpr]:
-    """An expression for each number of AC's command, moved if need be, in the order of `topic`."""
+    """Yields an expression for each number of AC's command, moved if necessary, in topic order."""
     read = t.TopicRead(topic.type, w.span, topic.symbol)
     problem = w.problem
     places = [
@@ -75,7 +75,7 @@ def moved_commands(
 def _nearest_function(
     w: ShieldWriter, control: int, tables: Sequence[tuple[int, GroupTable]], ends: t.FunSymbol
 ) -> t.FunSymbol:
-    """The function `fun nearest(mine, other, times, since, x0, ...): float` with the search."""
+    """Makes `fun nearest(mine, other, times, since, x0, ...): float`, which moves a command."""
     name = f"{w.name}_toward{control}"
     mine, other, since = (w.variable(v, "parameter", FLOAT) for v in ("mine", "other", "since"))
     times = w.variable("times", "parameter", w.topic.type)
@@ -90,12 +90,14 @@ def _nearest_function(
     def permitted(at: t.Variable) -> list[t.TypedExpr]:
         both = w.acting_cells(control, ends, w.read(times), w.read(at), w.read(since))
         return [
-            _is_one(w, w.call_of(w.permission_function(x, number), *map(w.read, xs), both))
+            _equals_one_expression(
+                w, w.call_of(w.permission_function(x, number), *map(w.read, xs), both)
+            )
             for (number, x), xs in zip(tables, states, strict=True)
         ]
 
     last_too = [
-        _is_one(w, w.call_of(fun, *map(w.read, xs), w.read(cell)))
+        _equals_one_expression(w, w.call_of(fun, *map(w.read, xs), w.read(cell)))
         for fun, xs in zip(lasting, states, strict=True)
     ]
     distance = w.op("-", w.read(to), w.read(begin))
@@ -106,7 +108,9 @@ def _nearest_function(
         w,
         w.op("==", w.read(cell), w.read(begin)),
         w.read(mine),
-        _conditional(w, w.op(">", w.read(sign), w.integer(0)), *_entrances(w, name, control, cell)),
+        _conditional(
+            w, w.op(">", w.read(sign), w.integer(0)), *_cell_end_expressions(w, name, control, cell)
+        ),
     )
     outside = w.chain("||", [w.op("<", w.read(v), w.integer(0)) for v in (begin, to)])
     up = w.op(">", w.read(to), w.read(begin))
@@ -129,7 +133,7 @@ def _nearest_function(
 
 
 def _lasting_function(w: ShieldWriter, table: GroupTable, name: str) -> t.FunSymbol:
-    """A function that gives 1 where commands of a cell may act for longer at an estimate, or 0."""
+    """A function that gives 1 if commands of a cell may act for longer at an estimate, else 0."""
     assert table.commands is not None
     assert table.commands.lasting is not None
     inputs = [w.variable(f"x{k}", "parameter", FLOAT) for k in range(len(table.edges))]
@@ -141,7 +145,7 @@ def _lasting_function(w: ShieldWriter, table: GroupTable, name: str) -> t.FunSym
     return w.function(name, (*inputs, command), [*body, w.result(w.element_at(packed, at))])
 
 
-def _entrances(
+def _cell_end_expressions(
     w: ShieldWriter, name: str, control: int, cell: t.Variable
 ) -> tuple[t.TypedExpr, t.TypedExpr]:
     """The expressions for the least and the greatest number that belongs to a cell."""
@@ -156,7 +160,7 @@ def _entrances(
     return up, down
 
 
-def _is_one(w: ShieldWriter, value: t.TypedExpr) -> t.TypedExpr:
+def _equals_one_expression(w: ShieldWriter, value: t.TypedExpr) -> t.TypedExpr:
     return w.op("==", value, w.integer(1))
 
 
@@ -176,7 +180,7 @@ SLACK_NS = 1_000
 class ShieldWriter(Writer):
     """Builds the expressions of one module's shield.
 
-    `edges`: for each control the edges of its cells. `places`: the function that finds a cell.
+    For each control, `edges` has the edges of its cells, and `places` the function to find a cell.
     """
 
     def __init__(self, problem: Problem, system: System, shield: Shield) -> None:
@@ -195,17 +199,17 @@ class ShieldWriter(Writer):
         ]
 
     def held_command(self, control: int) -> t.TypedExpr:
-        """The expression of the value of a control in the command that is held."""
+        """The expression for a control's value in the held command."""
         leaf = self.problem.quantities.controls[control]
         output = self.problem.system.topics[leaf.owner]
         return self.leaf_of(output.symbol, leaf.path)
 
     def held_cell(self, control: int) -> t.TypedExpr:
-        """The expression of the cell of a control's held value; -1 outside of its range."""
+        """The expression for the cell of a control's held value; -1 outside its range."""
         return self.call_of(self.places[control], self.held_command(control))
 
     def times_after_command(self) -> t.TypedExpr:
-        """The expression of the shield's new topic: the cells of the held command end now."""
+        """The expression for the shield's next topic value: the held command's cells end now."""
         times = self.variable("times", "parameter", self.topic.type)
         now = self.variable("now", "parameter", FLOAT)
         inputs = [self.variable(f"i{k}", "parameter", INT) for k in range(len(self.places))]
@@ -231,13 +235,13 @@ class ShieldWriter(Writer):
         return self.call_of(fun, self.end_times(), self.now, *cells)
 
     def end_times(self) -> t.TypedExpr:
-        """The expression that reads the shield's topic: for each cell when its commands ended."""
+        """The expression that reads from the shield's topic when each cell's commands ended."""
         return t.TopicRead(self.topic.type, self.span, self.topic.symbol)
 
     def ends_function(self) -> t.FunSymbol:
         """A function that finds the least and greatest of cell `own` and those held since `since`.
 
-        It returns least + cells * greatest; its `first` is the index of the command's first time.
+        It returns least + cells * greatest; its `first` is the index of the control's first time.
         """
         times = self.variable("times", "parameter", self.topic.type)
         first, own_cell = (self.variable(n, "parameter", INT) for n in ("first", "own"))
@@ -297,7 +301,7 @@ class ShieldWriter(Writer):
         return self.call_of(ends, times, self.integer(control * self.cells), own_cell, since)
 
     def permission_function(self, table: GroupTable, number: int) -> t.FunSymbol:
-        """A function that gives 1 where the cells of `ends` are permitted at an estimate, or 0."""
+        """A function that gives 1 if the cells of `ends` are permitted at an estimate, else 0."""
         name = f"{self.name}_reach{number}"
         if name not in self._reach:
             self._reach[name] = self._make_permission_function(table, name)
@@ -318,7 +322,7 @@ class ShieldWriter(Writer):
         return self.function(name, (*inputs, ends), [*body, self.result(fine)])
 
     def freshness_conditions(self) -> list[t.TypedExpr]:
-        """For each topic of the DM the condition that it is not stale, which a look requires."""
+        """For each topic that the DM sees, the condition that it is fresh enough for a look."""
         maps = topics_of_maps(self.problem.system, self.problem.module)
         shown = {*topics_seen_by_dm(self.problem).values(), *maps}
         conditions: list[t.TypedExpr] = []
@@ -339,9 +343,9 @@ def command_edges(low: float, high: float, cells: int) -> tuple[float, ...]:
 def shield_expressions(
     problem: Problem, system: System, shield: Shield, tables: Sequence[GroupTable]
 ) -> tuple[t.TypedExpr, t.TypedExpr, t.TypedExpr]:
-    """The expressions `held` and `permits` of a shield, and `ttf`, which does not look at ages.
+    """The expressions `held`, `permits` and `ttf` of a shield; `ttf` ignores ages.
 
-    Where commands are moved this also enters `shield.moved`.
+    If the shield moves commands, this also sets `shield.moved`.
     """
     w = ShieldWriter(problem, system, shield)
     ends = w.ends_function()

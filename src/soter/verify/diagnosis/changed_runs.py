@@ -69,15 +69,15 @@ class _ChangedModel(PointModel):
         self._reads, self._sends = reads, sends
 
     def law(self, x: Floats, errors: Floats, others: Floats) -> Floats:
-        """The commands of the changed SC; arrays as of `PointModel.law`."""
+        """The commands of the changed SC; the arrays are those of `PointModel.law`."""
         return self._sends(super().law(self._reads(x), errors, others))
 
 
 @dataclass(frozen=True)
 class Change:
-    """One change: the advice, and the worlds in which all runs have to end well.
+    """A change: the advice to make it, and the worlds in which all runs must end well.
 
-    A world is a model, and a function that changes a run's pattern for it.
+    A world is a model, and a function that changes a run's pattern for that model.
     """
 
     advice: str
@@ -85,9 +85,9 @@ class Change:
 
 
 def constant_command(model: PointModel, trace: ModelTrace) -> Floats | None:
-    """The command, (controls,), that SC publishes whatever it reads; None if it varies.
+    """The command, (controls,), that SC publishes in all states; None if the command varies.
 
-    SC is evaluated in states of a run, and in others that are drawn from the grid.
+    SC is evaluated in states of a run, and in other states that are drawn from the grid.
     """
     still = np.zeros(len(model.problem.errors)), np.zeros(len(model.problem.others))
     passed = np.array(trace.states)[np.linspace(0, len(trace.states) - 1, LOOKS).astype(int)]
@@ -100,7 +100,7 @@ def constant_command(model: PointModel, trace: ModelTrace) -> Floats | None:
 
 
 def changes(model: PointModel, *, constant: bool = False) -> Iterator[list[Change]]:
-    """The changes to try, as one list for each thing that is changed, the least change first.
+    """Yields the changes to try, as a list for each changed thing, with the least change first.
 
     `constant`: SC always publishes one value, so that no sign of it can be wrong.
     """
@@ -153,26 +153,26 @@ def _unchanged_pattern(pattern: Pattern) -> Pattern:
 
 
 def _middle(low: float, high: float) -> float:
-    """The value at which a sign changes: 0 if that lies inside of a range, or the middle."""
+    """The value at which a sign change mirrors a range: 0 if it is inside, else the middle."""
     return 0.0 if low < 0.0 < high else low / 2 + high / 2
 
 
 def _sign_text(about: float) -> str:
-    """The words for a sign that was changed at this value."""
+    """The words for a sign change that mirrors a number at the value `about`."""
     return "with the other sign" if about == 0.0 else f"mirrored at {about:.4g}"
 
 
 def _copy_with_scaled_value(
     index: int, times: float, about: float, low: float, high: float, values: Floats
 ) -> Floats:
-    """A copy of `values` in which one is `times` as far from `about`, but within its range."""
+    """A copy of `values` in which one value is `times` as far from `about`, within its range."""
     values = np.copy(values)
     values[index] = np.clip(about + times * (values[index] - about), low, high)
     return values
 
 
 def _narrowed_pattern(part: str, index: int, times: float, pattern: Pattern) -> Pattern:
-    """A copy of a pattern with one disturbance or error scaled toward the middle."""
+    """A copy of a pattern with one disturbance or error scaled towards the middle."""
     signs = np.copy(getattr(pattern, part))
     signs[index] *= times
     if part == "errors":
@@ -183,10 +183,10 @@ def _narrowed_pattern(part: str, index: int, times: float, pattern: Pattern) -> 
 def changes_that_bring_back(
     model: PointModel, first: Pattern, others: Sequence[Pattern], returns: EndsWell
 ) -> str:
-    """The changes with which runs end where the DM gives control back, in words; "" if none.
+    """Describes the changes after which runs end where the DM gives control back; "" if none.
 
-    `returns`: whether a run of a model with a pattern ends there; `first`: a pattern whose
-    unchanged run does not.
+    `returns`: whether a run of a model with a pattern ends so; `first`: a pattern whose unchanged
+    run does not.
     """
     return _changes_in_words(_changes_that_help(model, first, returns, others), RETURNS)
 
@@ -194,7 +194,7 @@ def changes_that_bring_back(
 def changes_that_keep_c(
     model: PointModel, left: ModelTrace, others: Sequence[Pattern], go_on: Callable[[], bool]
 ) -> str:
-    """The changes with which no run leaves C from the start of `left`, in words; "" if none.
+    """Describes the changes with which no run leaves C from the start of `left`; "" if none.
 
     `left`: a run that leaves C. If it is undisturbed, the patterns `others` are not tried.
     """
@@ -221,7 +221,7 @@ def _changes_that_help(
     *,
     constant: bool = False,
 ) -> Iterator[str]:
-    """The advice of each change with which runs of the first pattern and all others end well."""
+    """Yields the advice of each change with which runs of all these patterns end well."""
     for steps in changes(model, constant=constant):
         for change in steps:
             if all(well(m, of(p)) for p in (first, *others) for m, of in change.worlds):

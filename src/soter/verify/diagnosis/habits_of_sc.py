@@ -55,7 +55,7 @@ class Habit:
 
 
 def habit_of_sc(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit | None:
-    """The habit of SC that runs from a state, (states,), show; None if none does in the time."""
+    """The habit that SC shows in runs from a start, (states,); None if none is seen in time."""
     calm = next(patterns_to_try(model))
     until_s = HOLDS * model.inputs.period_ns * NS
     first = run_of_sc(model, start, calm, until_s, going, beyond=True)
@@ -84,7 +84,7 @@ def _habit_beside_rest(
     until_s: float,
     going: Callable[[], bool],
 ) -> Habit | None:
-    """The habit of SC that a run from beside its place of rest shows; None if SC leads back."""
+    """The habit of SC that a run from a point near its rest shows; None if SC leads it back."""
     calm, name, begin = next(patterns_to_try(model)), model.state_names[axis], rest.copy()
     step = side * MOVED * (model.high[axis] - model.low[axis])
     begin[axis] += step
@@ -114,7 +114,7 @@ def _habit_beside_rest(
 def _habit_of_drift(
     model: PointModel, pattern: Pattern, name: str, seen: tuple[float, float, float]
 ) -> Habit:
-    """The habit of leaving a state; `seen`: its start, its end, its speed when pushed at rest."""
+    """The habit of leaving a state; `seen` has its start, its end, and its drift speed per s."""
     begin, end, speed = seen
     by = ", ".join(pattern_text(model, pattern))
     text = (
@@ -125,7 +125,7 @@ def _habit_of_drift(
 
 
 def _drift_ends_unsafe(model: PointModel, rest: Floats, axis: int, speed: float) -> bool:
-    """Whether `safe` ceases to hold on the way that a state drifts, inside of the grid."""
+    """Whether a state that drifts loses `safe` before it reaches the end of the grid."""
     x, end = rest.copy(), model.high[axis] if speed > 0.0 else model.low[axis]
     for value in np.linspace(rest[axis], end, LOOKS):
         x[axis] = value

@@ -47,7 +47,7 @@ FALSE, TRUE = 1, 2
 
 
 class StepFaultError(Exception):
-    """Raised where SC's law, or the flow, may fault at a point, so that the run ends there."""
+    """Raised if SC's law or the flow may fault at a point, so that the run ends there."""
 
 
 class PointModel:
@@ -86,7 +86,7 @@ class PointModel:
         self._lib = library.lib
 
     def is_beyond_ends(self, x: Floats) -> Bools:
-        """Truths, (states,): whether a state lies beyond an end of the grid that bounds it."""
+        """Whether each state lies beyond an end of the grid that bounds it: (states,)."""
         below, above = x < self.low, x > self.high
         below[[*self.turning, *self.below_ends]] = False  # an angle goes on at the other end; an
         above[[*self.turning, *self.above_ends]] = False  # axis has no end, or an open one
@@ -94,7 +94,7 @@ class PointModel:
 
     @property
     def start(self) -> Floats:
-        """The middle of the declared start, (states,)."""
+        """The middle of the declared start as an array (states,)."""
         return np.array([i.low / 2 + i.high / 2 for i in self.problem.initial])
 
     @property
@@ -108,7 +108,7 @@ class PointModel:
             raise StepFaultError(name)
 
     def law(self, x: Floats, errors: Floats, others: Floats) -> Floats:
-        """The commands of SC on an estimate; their middle if they depend on SC's locals.
+        """The commands of SC for an estimate; the middle of their range if SC's locals matter.
 
         `x` (states,), `errors` (errors,), `others` (others,) -> (controls,).
         """
@@ -129,7 +129,7 @@ class PointModel:
         return np.array(self._out[: len(x), 2])
 
     def safe(self, x: Floats) -> int:
-        """The truth of `safe`: bit 0 if it may be false, bit 1 if it may be true. `x` (states,)."""
+        """Two bits on `safe` at `x` (states,): bit 0 if it may be false, bit 1 if possibly true."""
         self._point[self.states] = x
         try:
             self._call("safe")
@@ -138,7 +138,7 @@ class PointModel:
         return int(self._truths[0])
 
     def safer(self, x: Floats) -> bool:
-        """Whether `safer` surely holds on the exact estimate of a state. `x`: (states,)."""
+        """Whether `safer` surely holds for the exact estimate of the state `x` (states,)."""
         self._point[self.states], self._point[self.errors] = x, 0.0
         try:
             self._call("safer")
@@ -155,7 +155,7 @@ class PointModel:
         return np.asarray(x + t / 6 * (a + 2 * b + 2 * c + d))
 
     def longest_step_s(self, x: Floats, u: Floats, w: Floats) -> float:
-        """The longest step in s with which RK4 follows the fastest lag at a state.
+        """The longest step in s with which RK4 can follow the fastest lag at a state.
 
         `x` (states,), `u` (controls,), `w` (disturbances,).
         """
@@ -172,10 +172,10 @@ class PointModel:
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """A choice for disturbances, errors and other inputs: -1 (low), 0 (middle) or 1 (high) each.
+    """A choice of -1 (low), 0 (middle) or 1 (high) for each disturbance, error and other input.
 
-    `late`: commands act as late, and answer states as old, as they may. `follows`: disturbances
-    have the sign of this state's rate; None: they are constant.
+    `late`: commands act as late, and estimates are as old, as possible. `follows`: disturbances
+    have the sign of this state's rate; None means that they are constant.
     """
 
     disturbances: Floats
@@ -186,12 +186,12 @@ class Pattern:
 
     @property
     def is_disturbed(self) -> bool:
-        """Whether the pattern has anything late or not in the middle."""
+        """Whether the pattern is late or has anything that is not in the middle."""
         return bool(self.late or self.disturbances.any() or self.errors.any() or self.others.any())
 
 
 def patterns_to_try(model: PointModel) -> Iterator[Pattern]:
-    """The patterns to try: first the undisturbed one, with all in the middle, then corners."""
+    """Yields the patterns to try: first the undisturbed one (all in the middle), then corners."""
     sizes = [len(model.problem.disturbances), len(model.problem.errors)]
     sizes.append(len(model.problem.others))
     yield Pattern(np.zeros(sizes[0]), np.zeros(sizes[1]), np.zeros(sizes[2]))
@@ -211,7 +211,7 @@ def patterns_to_try(model: PointModel) -> Iterator[Pattern]:
 
 @dataclass(eq=False)
 class ModelTrace:
-    """The states of a run; if `left`, it left C at the last one."""
+    """The states of a run; `left` means that the last state is outside C."""
 
     pattern: Pattern
     times: list[float]
@@ -231,9 +231,9 @@ def run_of_sc(
     *,
     beyond: bool = False,
 ) -> ModelTrace:
-    """A run under SC from `start` (states,) until it leaves C, at most for `until_s` seconds.
+    """Runs SC from `start` (states,) until the run leaves C, at most for `until_s` seconds.
 
-    `going`: whether there is time left; `beyond`: the run goes on outside of C.
+    `going`: whether CPU time is left; `beyond`: the run goes on outside C.
     """
     trace = ModelTrace(pattern, [0.0], [np.array(start)])
     try:
@@ -260,7 +260,7 @@ def _values_of_signs(model: PointModel, part: slice, signs: Floats) -> Floats:
 def _extend_trace(
     model: PointModel, trace: ModelTrace, p: Pattern, until_s: float
 ) -> Iterator[None]:
-    """Extends the trace by one state at a time, until `until_s` seconds."""
+    """Extends the trace state by state, until `until_s` seconds."""
     errors = _values_of_signs(model, model.errors, p.errors)
     others = _values_of_signs(model, model.others, p.others)
     period = model.inputs.period_ns * NS
@@ -307,7 +307,7 @@ def _delay_and_jitter_ns(model: PointModel) -> tuple[int, int]:
 
 
 def _disturbances_at(model: PointModel, p: Pattern, x: Floats, u: Floats) -> Floats:
-    """The disturbances that the pattern has in a state, (disturbances,)."""
+    """The disturbances, (disturbances,), that the pattern sets in a state."""
     if p.follows is None:
         return _values_of_signs(model, model.disturbances, p.disturbances)
     middle = _values_of_signs(model, model.disturbances, np.zeros_like(p.disturbances))
@@ -318,7 +318,7 @@ def _disturbances_at(model: PointModel, p: Pattern, x: Floats, u: Floats) -> Flo
 
 
 def _enter_if_left(model: PointModel, trace: ModelTrace) -> bool:
-    """Whether the last state is outside C; if so, notes in the trace by which axis the run left."""
+    """Whether the last state is outside C; if so, the trace notes by which axis the run left."""
     x = trace.states[-1]
     beyond = model.is_beyond_ends(x)
     false = model.safe(x) == FALSE
@@ -357,7 +357,7 @@ class LeavingSearch:
 def soonest_leaving_run(
     model: PointModel, start: Floats, whose: str, going: Callable[[], bool]
 ) -> LeavingSearch:
-    """The run from `start`, (states,), that leaves C soonest; `going`: whether time is left."""
+    """Searches for the run from `start` (states,) that leaves C soonest, while `going` is true."""
     search, period = LeavingSearch(), model.inputs.period_ns * NS
     todo = list(patterns_to_try(model))
     for holds in LENGTHS:
@@ -386,13 +386,13 @@ def soonest_leaving_run(
 
 
 def _reach_of_run(trace: ModelTrace) -> Floats:
-    """The distances by which a run moves each state down, then up, (2 * states,)."""
+    """How far a run moves each state down, then how far up: (2 * states,)."""
     moved = np.nan_to_num(np.array(trace.states) - trace.states[0], nan=0.0)
     return np.concatenate([-moved.min(axis=0), moved.max(axis=0)])
 
 
 def leaving_run(model: PointModel, trace: ModelTrace, whose: str) -> LeavingRun:
-    """A run that leaves C as plain data for results; `whose`: the words for its start."""
+    """A run that leaves C, as plain data for results; `whose` describes its start."""
     names = model.state_names
     last = len(trace.times) - 1
     shown = np.unique(np.linspace(0, last, min(last + 1, SHOWN)).astype(int))
@@ -410,14 +410,14 @@ def leaving_run(model: PointModel, trace: ModelTrace, whose: str) -> LeavingRun:
 
 
 def point_text(model: PointModel, x: Floats) -> str:
-    """The values of the states, (states,), with their names, in words."""
+    """Describes the values of the states, (states,), with their names."""
     return ", ".join(
         f"{n} = {without_rounding(v):.5g}" for n, v in zip(model.state_names, x, strict=True)
     )
 
 
 def without_rounding(value: float) -> float:
-    """The number, but 0 if it is nearly 0."""
+    """The value, or 0 if it is nearly 0."""
     return 0.0 if abs(value) < 1e-9 else value
 
 

@@ -108,7 +108,7 @@ TURNS = "; {axis} is an angle whose axis does not wrap around, as {who} reads ho
 
 
 def explain_open_claims(done: Sequence[Case], result: ModuleResult, go_on: GoOn) -> None:
-    """Enters in the findings why K is empty, or why SC does not give control back."""
+    """Adds to the findings why K is empty, or why SC does not give control back."""
     p2a, p2b, safer = (result.findings[claim] for claim in ("P2a", "P2b", "safer"))
     empty = next((c for c in done if c.failures_of("P2a")), None)
     if p2a.verdict in OPEN and empty is not None:
@@ -127,7 +127,7 @@ def explain_open_claims(done: Sequence[Case], result: ModuleResult, go_on: GoOn)
 
 
 def _go_on_for(seconds: float, go_on: GoOn) -> GoOn:
-    """A function that is true for so many CPU seconds, as long as `go_on` is true, too."""
+    """A function that is true for this many CPU seconds, as long as `go_on` is true."""
     until = time.process_time() + seconds
     return lambda: go_on() and time.process_time() < until
 
@@ -180,9 +180,9 @@ def _explain_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: Go
 def _advice_of_changed_runs(
     model: PointModel, search: LeavingSearch, found: Habit | None, go_on: GoOn
 ) -> str:
-    """The changes with which runs stay in C, in words; `NOT_ONE` if there are none.
+    """Describes the changes with which runs stay in C; `NOT_ONE` if no change helps.
 
-    "" if not all were tried in time. Nothing is tried if SC has a habit that shows no leaving run.
+    The result is "" if time ran out, or if SC has a habit that shows no leaving run.
     """
     if found is not None and found.trace is None:
         return ""
@@ -210,13 +210,13 @@ def _cause_if_no_change_helps(
 
 
 def _commands_in_words(model: PointModel, sent: Floats) -> str:
-    """The commands of SC, (controls,), in words."""
+    """Describes the commands of SC, (controls,), in words."""
     names = (c.name for c in model.problem.quantities.controls)
     return ", ".join(f"`{n}` = {v:.4g}" for n, v in zip(names, sent, strict=True))
 
 
 def _states_moved_across_groups(model: PointModel, case: Case) -> Iterator[tuple[int, int]]:
-    """Pairs of a state and a state of another group of axes by which it is moved."""
+    """Yields pairs of a state and a state of another group of axes that moves it."""
     group = {a.state: k for k, proof in enumerate(case.proofs) for a in proof.group.axes}
     x, inputs = model.start, (case.problem.controls, case.problem.disturbances)
     still = [np.zeros(len(r)) for r in inputs]
@@ -229,7 +229,7 @@ def _states_moved_across_groups(model: PointModel, case: Case) -> Iterator[tuple
 
 
 def _cause_without_c(model: PointModel) -> Cause:
-    """The cause that C has no cell at all."""
+    """The cause that no cell of the grid lies in C."""
     start, held = model.start, model.safe(model.start)
     text = "`safe` holds on no whole cell of the grid"
     if (start == np.clip(start, model.low, model.high)).all() and held in (FALSE, TRUE):
@@ -261,7 +261,7 @@ def _where_sc_stops(model: PointModel, go_on: GoOn) -> Floats | None:
 
 
 def _ends_where_sc_stops(case: Case, stop: Floats | None) -> Iterator[str]:
-    """Each axis in whose outermost cell SC stops, with the value; `stop`: where SC stops."""
+    """Yields a text for each axis on which SC stops in the outermost cell; `stop` is that point."""
     if stop is None:
         return
     for a in (a for proof in case.proofs for a in proof.group.axes):
@@ -274,9 +274,9 @@ def _ends_where_sc_stops(case: Case, stop: Floats | None) -> Iterator[str]:
 def _no_run_cause(
     search: LeavingSearch, case: Case, stop: Floats | None, tried: Sequence[str]
 ) -> tuple[Cause, str]:
-    """The cause and advice if no run leaves C, so that the size of cells, not SC, loses K.
+    """The cause and advice if no run leaves C, so that too large cells, not SC, lose K.
 
-    `stop`: where SC comes to rest, (states,), if it does.
+    `stop`: the states at which SC comes to rest, (states,); None if it does not.
     """
     text = f"of {search.runs} runs of the model, up to {search.longest_s:.4g} s, none leaves C"
     text += " (cut off)" * search.cut + ": perhaps SC keeps C, and the sets do not show it"
@@ -299,7 +299,7 @@ def _no_run_cause(
 
 
 def _search_leaving_run(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:
-    """The search for the run that leaves C soonest, from the declared start, then from others."""
+    """Searches for the run that leaves C soonest, from the declared start, then from others."""
     last = LeavingSearch()
     for start, whose in _start_points(case, model):
         if model.is_beyond_ends(start).any() or not model.safe(start) & TRUE:
@@ -316,7 +316,7 @@ def _search_leaving_run(case: Case, model: PointModel, go_on: GoOn) -> LeavingSe
 
 
 def _start_points(case: Case, model: PointModel) -> Iterator[tuple[Floats, str]]:
-    """The starts to try, with words: the declared one, the middle of C, half way to each end."""
+    """Yields starts to try, with texts: the declared one, C's middle, half way to each end."""
     yield model.start, DECLARED
     middle = model.start
     for proof in case.proofs:
@@ -341,7 +341,7 @@ def _has_no_way_back(failure: Failure) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _RunEnd:
-    """A run, with the ranges of states in its last quarter and the share of it outside `safer`."""
+    """A run with the ranges of its states in the last quarter, and the share outside `safer`."""
 
     trace: ModelTrace
     pattern: Pattern
@@ -351,7 +351,7 @@ class _RunEnd:
 
 
 class _WayBackSearch:
-    """Finds where SC brings the plant, and whether the DM gives control back there."""
+    """Finds to where SC brings the plant, and whether the DM gives control back there."""
 
     def __init__(self, case: Case, failure: Failure) -> None:
         self.case, self.failure, self.model = case, failure, PointModel(case)
@@ -359,7 +359,7 @@ class _WayBackSearch:
         self.grid = failure.proof
 
     def cause_of_failure(self, go_on: GoOn) -> Cause:
-        """The cause of the failure: a run that ends outside `safer`, or that none was seen."""
+        """The cause of the failure: a run that ends outside `safer`, or the lack of such a run."""
         target = self.grid.found.target
         if target is not None and not target.any():
             text = "there is no cell all of whose estimates satisfy `safer`"
@@ -393,7 +393,7 @@ class _WayBackSearch:
         return Cause("comes_back", text + "was shown that all runs stay in")
 
     def _start_point(self) -> tuple[Floats, str]:
-        """The start of runs, with words: a cell without a way back, the declared start, or in K."""
+        """The start of runs: a cell without a way back, the declared start, or a cell of K."""
         if self.failure.stuck and self.failure.cells is not None:
             return self._middle_of_cell(self.failure.cells), "one of them"
         if self._lies_in_all_cells_around(self.grid.found.core > 0, self.model.start):
@@ -401,7 +401,7 @@ class _WayBackSearch:
         return self._middle_of_cell(self.grid.found.core > 0), "inside K"
 
     def _middle_of_cell(self, of: Bools) -> Floats:
-        """The middle of the cell of a set (in the grid's shape) nearest to the grid's middle."""
+        """The middle of the set's cell that is nearest to the middle of the grid."""
         x, cells, middle = self.model.start, np.argwhere(of), np.array(of.shape) / 2
         at = cells[int(np.argmin((np.abs(cells - middle) / middle).max(axis=1)))]
         for state, edges, i in zip(self.grid.engine.axes, self.grid.engine.edges, at, strict=True):
@@ -409,7 +409,7 @@ class _WayBackSearch:
         return x
 
     def _lies_in_all_cells_around(self, cells: Bools, x: Floats) -> bool:
-        """Whether all cells that hold a state, (states,), are in a set of the grid's shape."""
+        """Whether all cells that contain the state `x` (states,) belong to a set of cells."""
         pairs = zip(self.grid.engine.axes, self.grid.engine.edges, strict=True)
         at = [
             cells_around_interval(edges, float(x[state]), float(x[state])) for state, edges in pairs
@@ -418,7 +418,7 @@ class _WayBackSearch:
         return len(inside) == len(at) and bool(cells[inside].all())
 
     def _gives_back(self, x: Floats, *, exact: bool) -> bool:
-        """Whether the DM gives control back at a state, on its exact estimate or on all of them."""
+        """Whether the DM gives control back at a state, for the exact or for every estimate."""
         if self.case.problem.computed:
             target = self.grid.found.target
             return target is not None and self._lies_in_all_cells_around(target, x)
@@ -429,7 +429,7 @@ class _WayBackSearch:
         return self.case.forms.truth(self.case.problem.return_predicate, box) == TRUE
 
     def _run_returns(self, start: Floats, go_on: GoOn, model: PointModel, pattern: Pattern) -> bool:
-        """Whether a run from a start, (states,), ends where the DM gives control back."""
+        """Whether a run from `start` (states,) ends where the DM gives control back."""
         end = self._run_end(model, start, pattern, go_on)
         return end is not None and go_on() and not end.trace.left and not end.outside
 

@@ -79,10 +79,10 @@ CPU_S = 5.0
 
 
 def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
-    """Enters the cost of the advised changes, if these prove every claim.
+    """Measures and enters the cost of each advised change that proves every claim.
 
-    For a module that is proved it enters the cost of smaller cells and fewer levels. `fresh` makes
-    the system in which it was proved, as it flies.
+    For a proved module it enters the cost of smaller cells and fewer levels. `fresh` makes a new
+    copy of the flying system in which the module was proved.
     """
     held = result.verdict in (PROVED, ASSUMED)
     if held and result.cells_why and result.problem.computed:
@@ -104,11 +104,11 @@ def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
 def _cost_of_remedy(
     problem: Problem | None, remedied: Problem, fresh: Callable[[], System]
 ) -> RemedyCost:
-    """The cost of `remedied` against `problem`, which is None if it has no tables to fly."""
+    """The cost of running `remedied` instead of `problem`, which is None if it has no tables."""
     flat, ends = fresh(), time.process_time() + CPU_S
     if problem is not None and remedied.module.sc != problem.module.sc:
         return RemedyCost(flat.name, not_measured="it is a module with other controllers")
-    if problem is not None and _plant_numbers(remedied) != _plant_numbers(problem):
+    if problem is not None and _plant_ranges(remedied) != _plant_ranges(problem):
         return RemedyCost(flat.name, not_measured="it is about another plant")
     why = _why_not_run(flat, remedied)
     if why or not flat.until_ns:
@@ -130,13 +130,13 @@ def _cost_of_remedy(
     return RemedyCost(flat.name, until_ns / 1e9, before, after)
 
 
-def _plant_numbers(problem: Problem) -> object:
-    """The numbers of the plants that a run needs: no system with changed ones can be run."""
+def _plant_ranges(problem: Problem) -> object:
+    """The initial states, disturbances and errors; a system in which they change cannot be run."""
     return problem.initial, problem.disturbances, problem.errors
 
 
 def _why_not_run(flat: System, problem: Problem) -> str:
-    """Why the system is not run to measure a cost; "" where it is."""
+    """The reason why the system is not run to measure a cost; "" if it can be run."""
     asked = [x.name for x in flat.components if x.extern]
     asked += [f.source_name for f in lower(flat).functions if f.result is None]
     if asked:
@@ -150,12 +150,12 @@ def _why_not_run(flat: System, problem: Problem) -> str:
 
 
 def _modules_of_declaration(flat: System, problem: Problem) -> list[Module]:
-    """The modules of the system with that declaration, by its name, as hints may have changed."""
+    """The modules of the system whose declaration has the same name as the problem's module."""
     return [m for m in flat.modules if m.symbol.name == problem.module.symbol.name]
 
 
 def _system_with_remedy(flat: System, problem: Problem, remedied: Problem) -> System:
-    """The system with the ages that the remedy has, and without predicates that it leaves out."""
+    """The system with the maximum ages of the remedy, without the predicates that it leaves out."""
     ages = {
         now.symbol.name: now.max_age_ns
         for now, was in zip(remedied.system.topics, problem.system.topics, strict=True)
@@ -173,7 +173,7 @@ def _system_with_remedy(flat: System, problem: Problem, remedied: Problem) -> Sy
 
 
 def _flown_figures(flat: System, tried: Problem, until_ns: int) -> FlownFigures | None:
-    """The figures of a run with predicates computed for `tried`; None if there are no tables."""
+    """The figures of a run with the predicates computed for `tried`; None if it has no tables."""
     (module,) = _modules_of_declaration(flat, tried)
     count = 0
     if module in modules_to_complete(flat):
@@ -234,7 +234,7 @@ class Trials:
         self._until = time.process_time() + SHOWN_S + max(LEAST_S, OF_PROOF * cpu_s)
 
     def failing_claims(self, problem: Problem) -> tuple[str, ...] | None:
-        """The claims of a problem that are not proved, in order; None if it was not verified.
+        """The claims of a problem that are not proved, in order; None if it could not be verified.
 
         An AC that never has control counts as a failure of `ttf`.
         """
@@ -258,7 +258,7 @@ class Trials:
         return done if self.go_on() else None
 
     def stays_longer(self, problem: Problem, leaving: LeavingRun | None) -> bool:
-        """Whether the undisturbed run of a problem stays in C longer than `leaving` did."""
+        """Whether the undisturbed run of a problem stays in C longer than the run `leaving` did."""
         done = self._cases_in_time(coarser_problem(problem, PILOT))
         if leaving is None or not done:
             return False
@@ -272,9 +272,9 @@ class Trials:
 
 
 def ordered_trials(changes: Iterable[Remedy]) -> list[tuple[Remedy, Problem]]:
-    """The trials of some changes, by cost and cells: each on merged cells, then on its own.
+    """The trials of the changes, sorted by cost and cells; each large grid is first made coarse.
 
-    So a grid with many cells does not use up the time of quick changes.
+    Quick changes come before a grid with many cells uses up their time.
     """
     trials = []
     for change in changes:
@@ -288,7 +288,7 @@ def ordered_trials(changes: Iterable[Remedy]) -> list[tuple[Remedy, Problem]]:
 def diagnose(done: Sequence[Case], result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
     """Explains the claims that are not proved, tries changes and enters the advice.
 
-    It explains a refuted SC, too. `cpu_s`: the CPU seconds that the proof took.
+    It also explains why an SC is refuted. `cpu_s` is the CPU time of the proof in seconds.
     """
     failing = tuple(c for c in ORDER if not result.findings[c].holds)
     findings = [result.findings[c] for c in failing]
@@ -307,14 +307,14 @@ def diagnose(done: Sequence[Case], result: ModuleResult, cpu_s: float, attempt: 
 
 
 def _first_verdict(result: ModuleResult) -> str:
-    """The verdicts so far, to be shown before anything is tried."""
+    """The text of the verdicts so far, which is shown before any change is tried."""
     worst = [n for n, f in result.findings.items() if f.verdict == result.verdict]
     head = f"{result.name} is {result.verdict.upper()} ({', '.join(worst)})"
     return "\n".join((f"{head}; looking for the cause, and what helps", *verdicts_in_words(result)))
 
 
 class _KeptChanges:
-    """The changes that were kept so far, each one made beside those before it."""
+    """The changes kept so far; each new change is added to the earlier ones."""
 
     def __init__(self, found: NotProved) -> None:
         self.found = found
@@ -323,10 +323,10 @@ class _KeptChanges:
         self.untried: dict[str, None] = {}
 
     def try_one_more(self, trials: Trials) -> bool:
-        """Tries changes until one helps, and keeps that one; False where none helps."""
+        """Tries changes until a change helps, and keeps it; returns False if none helps."""
         found = self.found
         for remedy, tried in ordered_trials(remedies(found)):
-            if self._is_made(remedy):
+            if self._is_kept(remedy):
                 continue
             if remedy.cost == OTHERS and not trials.stays_longer(tried, found.leaving):
                 continue
@@ -346,8 +346,8 @@ class _KeptChanges:
                 self.untried[remedy.advice] = None
         return False
 
-    def _is_made(self, remedy: Remedy) -> bool:
-        """Whether a change, or a still narrower world, was kept already."""
+    def _is_kept(self, remedy: Remedy) -> bool:
+        """Whether the change is kept already, or a change to a still narrower world."""
         return remedy.advice in self.advice or (remedy.cost == HALF and CALMEST in self.advice)
 
     def enter(self, result: ModuleResult, failing: Sequence[str]) -> None:
@@ -376,18 +376,18 @@ class _KeptChanges:
 
 
 def _helps_in_part(remedy: Remedy, now: Sequence[str], left: Sequence[str]) -> bool:
-    """Whether a change is kept though claims still fail; of narrower worlds only the narrowest."""
+    """Whether to keep a change after which claims still fail; of narrower worlds the narrowest."""
     return (remedy.cost != HALF or remedy.advice == CALMEST) and _fewer_claims_fail(now, left)
 
 
 def _fewer_claims_fail(now: Sequence[str], left: Sequence[str]) -> bool:
-    """Whether fewer claims fail now than before, or P2a no longer does."""
+    """Whether fewer claims fail now than before, or P2a has stopped failing."""
     asked = set(left) - {"P2b"} if "P2a" in now else set(left)  # without K nothing leads back
     return set(now) < asked or (left[0] == "P2a" and "P2a" not in now)
 
 
 def remove_tried_advice(results: Sequence[ModuleResult], searches: Sequence[ProofSearch]) -> None:
-    """Removes advice that searches have tried in vain: smaller cells, another search."""
+    """Removes advice that the searches tried in vain, such as smaller cells or another search."""
     in_vain = {s.module: s.cells_in_vain for s in searches if not s.proved}
     for name, finding in ((r.name, f) for r in results for f in r.findings.values()):
         words = (REST, OTHERS_FOUND, *["smaller cells"] * in_vain.get(name, False))
@@ -400,7 +400,7 @@ def remove_tried_advice(results: Sequence[ModuleResult], searches: Sequence[Proo
 
 
 def mark_untried(result: ModuleResult) -> ModuleResult:
-    """The result with "(not tried)" behind each suggestion that was not tried."""
+    """Adds "(not tried)" to each suggestion that was not tried, and returns the result."""
     for finding in result.findings.values():
         if finding.hint and not any(word in finding.hint for word in ("tried", "as for `")):
             finding.hint += f" {NOT_TRIED}"

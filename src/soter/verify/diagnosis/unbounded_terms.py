@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class _Ranges(RangeEvaluator):
-    """Evaluates ranges; a sine or cosine, a polynomial in the prelude, has the range [-1, 1]."""
+    """Evaluates ranges of terms, and takes [-1, 1] as the range of a sine or cosine."""
 
     EXPRESSIONS: ClassVar[dict[type, Any]] = {
         **RangeEvaluator.EXPRESSIONS,
@@ -34,7 +34,7 @@ class _Ranges(RangeEvaluator):
 
 
 def term_without_bound(problem: Problem) -> tuple[str, str] | None:
-    """The term, and its divisor or the argument of its root, in words; None if none is found."""
+    """The first unbounded term and its divisor or root argument, in words; None if none exists."""
     for c in (c for c in problem.system.components if c.plant is not None):
         try:
             if found := _unbounded_term_of_plant(problem, c):
@@ -56,7 +56,7 @@ def _unbounded_term_of_plant(problem: Problem, c: Component) -> tuple[str, str] 
     lets = dict(plant.lets)
     for variable, e in (*lets.items(), *plant.der.items(), *plant.next.items()):
         for part in reversed(list(nodes([e]))):  # inner terms before outer ones
-            of = _part_that_must_not_be_zero(part)
+            of = _part_required_positive(part)
             if of is None or not isinstance(part, t.TypedExpr):
                 continue
             r = evaluator.bounds(of)
@@ -68,8 +68,8 @@ def _unbounded_term_of_plant(problem: Problem, c: Component) -> tuple[str, str] 
     return None
 
 
-def _part_that_must_not_be_zero(part: object) -> t.TypedExpr | None:
-    """The part of a term that must not be 0 or below: a divisor, or the argument of a root."""
+def _part_required_positive(part: object) -> t.TypedExpr | None:
+    """The divisor of a division or the argument of a square root; None for any other term."""
     if isinstance(part, (t.TypedBinary, t.Vector)) and part.op == "/":
         return part.right
     return part.arguments[0] if isinstance(part, t.Builtin) and part.name == "sqrt" else None

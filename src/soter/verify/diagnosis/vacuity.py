@@ -48,7 +48,7 @@ HOLDS_ANYWAY = "`safe` holds of all values that its topics may have: it says not
 
 
 def worst_vacuity(done: Sequence[Case]) -> Vacuity | None:
-    """The worst vacuity of all cases; None if AC can have control, so that the proof says much."""
+    """The worst vacuity of all cases; None if no proof is vacuous, as AC can have control."""
     if done and (nothing := _vacuous_safe(done[0].problem)):
         return nothing
     every = [(case, case_vacuity) for case in done for case_vacuity in _vacuities_of_case(case)]
@@ -71,7 +71,7 @@ def worst_vacuity(done: Sequence[Case]) -> Vacuity | None:
 
 
 def vacuity_of_nodes(problem: Problem, never: str) -> Vacuity | None:
-    """The vacuity of a proof by induction, or None; `never`: the field of `Induction`."""
+    """The vacuity of a proof by induction, or None; `never` is a field of `Induction`."""
     if nothing := _vacuous_safe(problem):
         return nothing
     if never == "fails":
@@ -87,14 +87,14 @@ def vacuity_of_nodes(problem: Problem, never: str) -> Vacuity | None:
 
 
 def vacuity_of_rest(problem: Problem, at_the_start: str) -> Vacuity | None:
-    """The vacuity of a proof by tubes; `at_the_start`: why AC has no control there, or ""."""
+    """The vacuity of a proof by tubes; `at_the_start` says why AC starts without control, or ""."""
     text = f"nothing says that AC ever gets control ({at_the_start}, and P2b is not shown)"
     never = Vacuity(NOT_SHOWN, "safer", 0.0, text) if at_the_start else None
     return _vacuous_safe(problem) or never
 
 
-def tell_vacuity_in_row(result: ModuleResult) -> None:
-    """Changes the text of a claim that is proved, but about nothing, so that it says so."""
+def mention_vacuity_in_claim(result: ModuleResult) -> None:
+    """Adds to the text of a proved claim that its proof says nothing, if it is vacuous."""
     vacuity, rows = result.vacuity, {"safe": "P2a", "ttf": "ttf", "safer": "safer"}
     if vacuity is None or vacuity.how_often != NEVER or vacuity.what not in rows:
         return
@@ -118,13 +118,13 @@ def _parameter_values(case: Case) -> str:
 
 
 def _vacuities_of_case(case: Case) -> Iterator[Vacuity]:
-    """The vacuities of one case; empty where it has no K."""
+    """The vacuities found in one case; none if K is empty."""
     if case.failures_of("P2a"):
         return
     yield from _vacuities_of_small_core(case)
     free = _least_free_share(case)
     for predicate in ("safer", "ttf"):
-        if predicate == "ttf" and _is_taken_by_age(case):
+        if predicate == "ttf" and _is_ttf_true_on_core(case):
             yield Vacuity(NEVER, "ttf", 0.0, _why_no_control(case, "ttf", empty=False, of=OF_FRESH))
             continue
         if _never_lets_control(case, predicate):
@@ -139,7 +139,7 @@ def _vacuities_of_case(case: Case) -> Iterator[Vacuity]:
 
 
 def _vacuities_without_keeping(case: Case) -> Iterator[Vacuity]:
-    """The vacuities of groups where `ttf` takes control back (almost) wherever `safer` gives it."""
+    """The vacuities of groups in which `ttf` holds nearly everywhere that `safer` holds."""
     for proof in case.proofs:
         share, anything = proof.overlap_of_predicates or (1.0, True)
         if share < RARE_SHARE:
@@ -169,7 +169,7 @@ def _why_no_control(case: Case, predicate: str, *, empty: bool, of: str = "every
 
 
 def _rarity_text(predicate: str, share: float) -> str:
-    """The words for a small share; a share of 0 of the drawn states does not prove "never"."""
+    """The words for a small share; if it is 0 they do not say "never", as states are random."""
     much = f"{share:.2%}" if share > 0.0 else "none of the states drawn"
     verb = "keeps" if predicate == "ttf" else "gets"
     says = "`ttf` is false" if predicate == "ttf" else "`safer` holds"
@@ -181,7 +181,7 @@ def _least_free_share(case: Case) -> float:
 
 
 def _never_lets_control(case: Case, predicate: str) -> bool:
-    """Whether surely no estimate of a state of K lets AC have control: enclosed, not sampled."""
+    """Whether AC is proved never to get control in K; enclosures show this, not samples."""
     if any(p.never_lets_ac(predicate) for p in case.proofs):
         return True
     if case.problem.computed:
@@ -190,10 +190,10 @@ def _never_lets_control(case: Case, predicate: str) -> bool:
     return not case.forms.truth(predicate, box) & LETS[predicate]
 
 
-def _is_taken_by_age(case: Case) -> bool:
-    """Whether all of `ttf`, with its parts about ages, which proofs leave out, holds on all of K.
+def _is_ttf_true_on_core(case: Case) -> bool:
+    """Whether `ttf` holds on all of K if its conditions on ages are evaluated, too.
 
-    All ages of a fresh read are covered: up to `max_age`, and up to the proof's A.
+    The ages are those of a fresh read: from 0 to `max_age`, and to the largest age of the proof.
     """
     problem, ttf = case.problem, case.problem.module.symbol.ttf
     if ttf is None or not any(isinstance(n, AgeRead) for n in nodes([ttf])):
@@ -210,7 +210,7 @@ def _is_taken_by_age(case: Case) -> bool:
 
 
 def _control_shares(case: Case, predicate: str) -> Iterator[float]:
-    """For each group the share of its K that lets AC have control, if other groups are at best."""
+    """Gives for each group the largest share of its K on which AC can have control."""
     for proof in case.proofs:
         share = proof.share_of_core_with_ac(case, predicate)
         if share is not None:
@@ -233,7 +233,7 @@ class _StateDrawer:
         self.anchors = self._anchors()
 
     def share(self, proof: GridProof) -> float:
-        """The largest share of one group's states, over the anchors at which other groups are."""
+        """The largest share of the group's states with control for AC, over all anchors."""
         best = 0.0
         for anchor in self.anchors:
             best = max(best, self._share_at(proof, anchor))
@@ -253,7 +253,7 @@ class _StateDrawer:
         return count / DRAWN
 
     def _lets_control(self, point: Floats) -> bool:
-        """Whether an estimate of a state lets AC have control, in some mode of other modules."""
+        """Whether AC has control at an estimate of the state, in some mode of other modules."""
         whole = self.case.forms.whole
         box = np.repeat(self.chance.uniform(whole[:, :1], whole[:, 1:]), 2, axis=1)
         box[: len(point)] = point[:, None]
@@ -262,7 +262,7 @@ class _StateDrawer:
         return bool(truth & wanted) if self.case.problem.modes else truth & 3 == wanted
 
     def _anchors(self) -> list[Floats]:
-        """States for the other groups: usual points, and drawn ones at which AC has control."""
+        """States for the other groups: usual points, and random points where AC has control."""
         anchors = points_to_try(self.case.problem)
         if len(self.groups) < 2:
             return anchors[:1]
@@ -278,7 +278,7 @@ class _StateDrawer:
 
 
 def _vacuity_without_return(done: Sequence[Case]) -> Vacuity | None:
-    """The vacuity that SC has control at the start, and no claim says that it ever gives it."""
+    """The vacuity of a module that starts with SC in control and need not return control to AC."""
     if not note_on_start(done) or not (clause := done[0].problem.module.symbol.stay_clause):
         return None
     why = f"at the start `safer` does not hold, and P2b is not asked: `{clause}`"
@@ -295,9 +295,9 @@ def _is_refused_at_start(case: Case) -> bool:
 
 
 def note_on_start(done: Sequence[Case]) -> str:
-    """A note that AC cannot have control at the start, as `safer` does not hold; "" if it may.
+    """A note that AC has no control at the start, because `safer` does not hold; "" if it may.
 
-    It is also "" without a K, or where a computed `safer` holds nowhere.
+    It is also "" if K is empty, or if a computed `safer` holds nowhere.
     """
     for case in done:
         empty = case.failures_of("P2a") or (case.problem.computed and case.failures_of("safer"))

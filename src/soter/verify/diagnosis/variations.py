@@ -57,7 +57,7 @@ BEYOND = 0.01
 
 @dataclass(frozen=True)
 class NotProved:
-    """A module that is not proved; `done`: the cases of the problem as it is declared."""
+    """A module that is not proved, with its failing claims; `done` has the cases as declared."""
 
     problem: Problem
     """The problem with the changes that helped so far."""
@@ -68,14 +68,14 @@ class NotProved:
     """Whether runs show a fault of SC itself, so that no other grid, age or world helps."""
 
     @property
-    def loses_core(self) -> bool:
-        """Whether K is empty, on which all other claims depend."""
+    def is_core_empty(self) -> bool:
+        """Whether K is empty; all other claims depend on K."""
         return self.failing[0] == "P2a"
 
 
 @dataclass(frozen=True)
 class Variation:
-    """A row of the table."""
+    """A kind of change that `VARIATIONS` lists, with its advice, its cost and when it may help."""
 
     advice: str
     """The words that say what to write; `{}` stands for the words of the single change."""
@@ -98,26 +98,26 @@ class Remedy:
 
 
 def remedies(found: NotProved) -> Iterator[Remedy]:
-    """The changes of the table that may help where these claims fail."""
+    """Gives the changes listed in `VARIATIONS` that may help where these claims fail."""
     for row in VARIATIONS:
         if found.of_sc and row.cost != OTHERS:
             continue
-        if row.without_core if found.loses_core else row.with_core:
+        if row.without_core if found.is_core_empty else row.with_core:
             for problem, text in row.changes(found):
                 if problem is not None:
                     yield Remedy(row.advice.format(text), problem, row.cost)
 
 
 def _longer_axes(found: NotProved) -> Iterator[Change]:
-    """Changes to longer axes, at ends where K is lost and beyond which `safe` still holds."""
-    for part in LONGER if found.loses_core else LONGER[:1]:
+    """Changes that lengthen axes at ends where K loses cells although `safe` holds beyond."""
+    for part in LONGER if found.is_core_empty else LONGER[:1]:
         longer = problem_with_ends(found.problem, _longer_ends(found, part))
         if longer.groups != found.problem.groups and cell_count(longer) <= CELLS_MAX["P2a"]:
             yield longer, grid_lines_of(longer)
 
 
 def _longer_ends(found: NotProved, part: float) -> Ends:
-    """New ends of axes, by state, further out by the share `part` where K is lost or a run left."""
+    """New axis ends by state, moved out by the share `part` at ends that lose K or a run."""
     ends: Ends = {}
 
     def lengthen(state: int, edges: Sequence[float], side: int) -> None:
@@ -136,14 +136,14 @@ def _longer_ends(found: NotProved, part: float) -> Ends:
 
 
 def _declared_grids(done: Sequence[Case]) -> Iterator[tuple[GridProof, Case]]:
-    """The grids of all cases, on the cells of the problem."""
+    """Gives the declared grid of each group, with its case, for all cases."""
     for case in (last.first or last for last in done):
         for proof in case.proofs:
             yield proof, case
 
 
 def _losing_ends(model: PointModel, grid: GridProof) -> list[tuple[int, int]]:
-    """The ends where K is lost, and beyond which `safe` holds: (number of the axis, 1 if high)."""
+    """The ends (axis number, 1 if high) where K loses cells although `safe` holds beyond."""
     sides = []
     lost = grid.found.allowed & ~(grid.found.core > 0)
     for k, axis in enumerate(grid.group.axes):
@@ -164,7 +164,7 @@ def _losing_ends(model: PointModel, grid: GridProof) -> list[tuple[int, int]]:
 
 
 def _shorter_axes(found: NotProved) -> Iterator[Change]:
-    """The change that shortens each axis of which `safe` holds only on a small part."""
+    """A change that shortens each axis on which `safe` holds only in a small part."""
     ends: Ends = {}
     for grid, _ in _declared_grids(found.done):
         for k, axis in enumerate(grid.group.axes):
@@ -179,7 +179,7 @@ def _shorter_axes(found: NotProved) -> Iterator[Change]:
 
 
 def _opened_axis(found: NotProved) -> Iterator[Change]:
-    """The change to `open` of the axis by whose end a run leaves."""
+    """A change to `open` of the axis through whose end a run leaves the grid."""
     left = found.leaving
     if left is not None and not left.safe:
         opened = problem_with_open_axis(found.problem, left.names.index(left.axis))
@@ -199,7 +199,7 @@ def _return_left_out(found: NotProved) -> Iterator[Change]:
 
 
 def why_no_rest(problem: Problem) -> str:
-    """Why no proof by tubes can follow SC, whatever `rest` says, in words; "" if one can."""
+    """The reason, in words, why tubes cannot prove this SC with any `rest`; "" if they may."""
     symbol = problem.module.symbol
     if problem.kind != "flow" or symbol.shield:
         return "it is of plants that flow, and of modules without `shield`"
@@ -235,7 +235,7 @@ def _nearer_start(found: NotProved) -> Iterator[Change]:
 
 
 def _nearest_starts(case: Case, grid: GridProof) -> Iterator[tuple[int, float]]:
-    """New starts of as few states as possible, and as near as possible, as (state, value)."""
+    """New starts, each as (state, value); they change as few states as possible, and little."""
     times, engine = case.problem.times, grid.engine
     in_time = engine.cells_safe_for(case.problem.whole_periods(times.start), grid.found.core > 0)
     cells = np.argwhere(in_time)
@@ -261,7 +261,7 @@ def _more_cells(found: NotProved) -> Iterator[Change]:
 
 
 def _narrower_disturbances(found: NotProved) -> Iterator[Change]:
-    """Changes to narrower disturbances and errors, which show whether these or SC are at fault."""
+    """Changes to narrower disturbances and errors, to see whether these or SC cause the failure."""
     p = found.problem
 
     def narrowed(ranges: tuple[Interval, ...], by: float) -> tuple[Interval, ...]:
@@ -321,7 +321,7 @@ VARIATIONS = (
 
 
 def problem_without_predicates(problem: Problem) -> Problem | None:
-    """The problem without `ttf` and `safer`, which are then computed; None if it is no problem."""
+    """The problem with `ttf` and `safer` computed, not declared; None if no problem results."""
     if problem.computed:
         return None
     symbol = replace(problem.module.symbol, ttf=None, safer=None, topics_read=())
@@ -329,7 +329,7 @@ def problem_without_predicates(problem: Problem) -> Problem | None:
 
 
 def problem_with_younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
-    """The problem with the least `max_age` of what SC and DM read, and the texts, or None."""
+    """The problem and texts with the least `max_age` of all read topics; None if none changes."""
     texts, changed = [], []
     paths = (*problem.times.schedule.read_by_sc, *problem.times.schedule.read_by_dm)
     read = {p.topic for p in paths}
@@ -348,9 +348,9 @@ def problem_with_younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ..
 
 
 def problem_with_younger_sc_reads(problem: Problem) -> tuple[Problem, str] | None:
-    """The problem with the least `age` of SC's reads, and its text; None if it is not lower.
+    """The problem with the least `age` of SC's reads, and its text; None if the age is not lower.
 
-    It is at least a publisher's period, though phases may make reads younger.
+    The least age is at least the publisher's period, though phases may make reads younger.
     """
     schedule, verify = problem.times.schedule, problem.module.symbol.verify
     ages = (max(schedule.stamp_age_sc(p), p.last_station.period) for p in schedule.read_by_sc)
@@ -365,7 +365,7 @@ def problem_with_younger_sc_reads(problem: Problem) -> tuple[Problem, str] | Non
 
 
 def problem_with_open_axis(problem: Problem, state: int) -> Problem | None:
-    """The problem with the axis of a state `open`; a trial shows whether something reads it."""
+    """The problem with one state's axis `open`; None if the problem's axes cannot be opened."""
     if problem.computed or len(problem.groups) > 1 or problem.kind != "flow":
         return None
     group = problem.groups[0]
@@ -390,7 +390,7 @@ def extended_edges(edges: Floats, low: float, high: float) -> Floats:
 def problem_with_ends(problem: Problem, ends: Mapping[int, tuple[float, float]]) -> Problem:
     """The problem with other ends of the axes of some states.
 
-    A longer axis has more cells of the same size, a shorter one as many smaller cells.
+    A longer axis gets more cells of the same size; a shorter axis keeps its number of cells.
     """
     states = list(problem.states)
 
@@ -409,7 +409,7 @@ def problem_with_ends(problem: Problem, ends: Mapping[int, tuple[float, float]])
 
 
 def problem_with_exchanged_controllers(problem: Problem) -> Problem | None:
-    """The problem with AC and SC exchanged; None if that is no problem."""
+    """The problem with AC and SC exchanged; None if no valid problem results."""
     m, components = problem.module, problem.system.components
     symbol = replace(m.symbol, ac=m.symbol.sc, sc=m.symbol.ac)
     roles = replace(components[m.ac], role="sc"), replace(components[m.sc], role="ac")
@@ -418,12 +418,12 @@ def problem_with_exchanged_controllers(problem: Problem) -> Problem | None:
 
 
 def problem_of_changed_module(system: System, changed: Module) -> Problem:
-    """The problem of a module that was changed in its system; `SoterError` as of `extract`."""
+    """The problem of a module changed in its system; raises `SoterError` as `extract` does."""
     return extract(with_module(system, changed), changed)
 
 
 def _extract_again(problem: Problem, system: System, module: Module) -> Problem | None:
-    """The problem of a changed module in its verification system, on the changed grids; or None."""
+    """The problem of a changed module on the grids of `problem`; None if none can be extracted."""
     whole = problem.view or problem.modes or problem.influences or problem.law
     if whole or problem.module.symbol.verify.abstracts:
         return None
@@ -445,7 +445,7 @@ def _unbounded_axis(axis: Axis) -> Axis:
 
 
 def grid_lines_of(problem: Problem) -> str:
-    """The `grid` lines of a problem."""
+    """The `grid` lines of a program that declare the problem's grid."""
     return " ".join(f"grid {', '.join(_axis_in_words(a) for a in g.axes)};" for g in problem.groups)
 
 
@@ -462,7 +462,7 @@ def _axis_in_words(axis: Axis) -> str:
 def problem_with_periods(problem: Problem, delta_ns: int, sc_ns: int) -> Problem:
     """The problem with another Delta and another period of SC, but with the same phases.
 
-    The error of the plant's scheme stays, too, as it is that of the plant's step.
+    The error of the plant's scheme stays, because it depends on the plant's step.
     """
     times, was = problem.times, problem.times.schedule
     dm, sc = replace(was.dm, period=delta_ns), replace(was.sc, period=sc_ns)

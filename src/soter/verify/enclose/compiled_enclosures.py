@@ -94,11 +94,11 @@ def generate_enclosures(
     *,
     apart: bool = False,
 ) -> EnclosureUnit:
-    """The enclosures of a module in its verification system.
+    """Generates the enclosures of a module in its verification system.
 
-    `back`: the predicate that P2b uses in the place of `safer`, if any. `apart`: each state also
-    has a function for its derivative alone, `derivative_K`. Raises EnclosureError, with the reason
-    in words, where something cannot be enclosed.
+    `back` is the predicate that P2b uses instead of `safer`, if any. With `apart`, each state also
+    has a function for its derivative alone, `derivative_K`. Raises `EnclosureError` with the reason
+    in words if something cannot be enclosed.
     """
     unit = _UnitWriter(system, core, module, quantities)
     unit.emit_functions(back)
@@ -110,7 +110,7 @@ def generate_enclosures(
 
 
 class _UnitWriter:
-    """The writer of the C of one module's enclosures, function by function."""
+    """Writes the C text of one module's enclosures, function by function."""
 
     def __init__(
         self, system: System, core: core_ir.CoreSystem, module: Module, quantities: Quantities
@@ -137,14 +137,18 @@ class _UnitWriter:
             flow = EnclosedFunction.is_flow(self.core)
             text = "derivative of every state" if flow else "every state one period later"
             name = "derivative" if flow else "next"
-            self._emit_numbers(name, text, lambda e: e.derivatives() if flow else e.next_states())
-        self._emit_numbers(
+            self._emit_number_function(
+                name, text, lambda e: e.derivatives() if flow else e.next_states()
+            )
+        self._emit_number_function(
             "drives", "leaves of the topics that plants drive", lambda e: e.driven_leaves()
         )
         self._emit_predicate("safe", symbol.safe, estimated=False)
         self._emit_constraint(symbol.safe)
         if hint is not None:
-            self._emit_truth("core", lambda e: e.truth_of_predicate(hint, more, estimated=False))
+            self._emit_truth_function(
+                "core", lambda e: e.truth_of_predicate(hint, more, estimated=False)
+            )
         ttf = ttf_of_states(symbol.ttf)
         for name, expr in (("ttf", ttf), ("safer", symbol.safer), ("back", back)):
             if expr is not None:
@@ -154,7 +158,7 @@ class _UnitWriter:
                 self._emit_expression("enters", symbol.verify.enters, estimated=True)
 
     def _core_hint(self) -> tuple[core_ir.Predicate | None, dict[str, core_ir.Function]]:
-        """The hint `core e;` in Core, with the functions that it calls; None: there is no hint."""
+        """The `core` hint in Core and the functions that it calls; (None, {}) without a hint."""
         e = self.module.symbol.verify.core
         if e is None:
             return None, {}
@@ -163,7 +167,7 @@ class _UnitWriter:
         return predicate, dict(functions.by_name)
 
     def emit_derivatives(self) -> None:
-        """Emits the derivative of each state as a function of its own."""
+        """Emits a separate function for the derivative of each state."""
         for k, leaf in enumerate(self.quantities.states):
             enclosed = self._new_function()
             rate = result_statement(0, enclosed.derivatives()[k])
@@ -171,11 +175,11 @@ class _UnitWriter:
             self._add_function(f"derivative_{k}", doc, PARAMETERS, enclosed.emitter, [rate])
 
     def _emit_constraint(self, safe: TypedExpr) -> None:
-        """Emits the predicate C and its conditions: of `safe`, then of plants' published values."""
+        """Emits the predicate C and its conditions, first of `safe`, then of published values."""
         parts = conjuncts(safe)
-        self._emit_truth("constraint", lambda e: e.truth_of_constraint(safe))
+        self._emit_truth_function("constraint", lambda e: e.truth_of_constraint(safe))
         probe = self._new_function()
-        probe.set_driven_topics()
+        probe.compute_driven_topics()
         leaves = len(probe.set_conditions())
         numbers = [*range(leaves)] if len(parts) + leaves <= PARTS_MAX else [None]
         if len(parts) == PARTS_MAX:
@@ -183,12 +187,15 @@ class _UnitWriter:
         for k, part in enumerate(parts):
             self._emit_expression(f"constraint_{k}", part, estimated=False)
         for k, number in enumerate(numbers, len(parts)):
-            self._emit_truth(f"constraint_{k}", lambda e, n=number: e.truth_of_publishing(n))  # type: ignore[misc]
+            self._emit_truth_function(
+                f"constraint_{k}",
+                lambda e, n=number: e.truth_of_publishing(n),  # type: ignore[misc]
+            )
 
     def _emit_law(self) -> None:
-        """Emits SC for all controls at once, and for each alone, as few controls move a group.
+        """Emits the function `law` for all controls of SC, and `law_K` for each control alone.
 
-        `law_K` writes control K into out[K]. It reports no faults elsewhere in SC; `law` does.
+        `law_K` writes control K into out[K] and reports no faults elsewhere in SC; `law` does.
         """
         enclosed = self._new_function()
         results = [result_statement(i, e) for i, e in enumerate(enclosed.commands_of_sc())]
@@ -207,7 +214,7 @@ class _UnitWriter:
             self._emit_expression(f"{name}_{k}", part, estimated=estimated)
 
     def _emit_expression(self, name: str, expr: TypedExpr, *, estimated: bool) -> None:
-        self._emit_truth(name, lambda e: e.truth_of_expression(expr, estimated=estimated))
+        self._emit_truth_function(name, lambda e: e.truth_of_expression(expr, estimated=estimated))
 
     def _new_function(self) -> EnclosedFunction:
         emitter = Emitter(self.statics)
@@ -215,14 +222,14 @@ class _UnitWriter:
             self.system, self.core, self.module, self.quantities, emitter, self.prelude
         )
 
-    def _emit_numbers(
+    def _emit_number_function(
         self, name: str, doc: str, make: Callable[[EnclosedFunction], list[c.CExpr]]
     ) -> None:
         enclosed = self._new_function()
         results = [result_statement(i, e) for i, e in enumerate(make(enclosed))]
         self._add_function(name, doc, PARAMETERS, enclosed.emitter, results)
 
-    def _emit_truth(self, name: str, make: Callable[[EnclosedFunction], c.CExpr]) -> None:
+    def _emit_truth_function(self, name: str, make: Callable[[EnclosedFunction], c.CExpr]) -> None:
         enclosed = self._new_function()
         result = c.Assign(c.IndexExpr(c.Name("out"), c.Number("0")), make(enclosed))
         doc = f"`{name}` of {self.module.name}: false, true or either"
@@ -293,7 +300,7 @@ MESSAGE = "the C of this module's enclosures does not compile"
 
 
 def engine_ffi() -> Any:  # noqa: ANN401 - cffi has no types
-    """The declarations of the engine and of every function that a unit may have."""
+    """The C declarations of the engine and of every function that a unit may have, for cffi."""
     functions = [f"unsigned soter_{n}(const void *, const int64_t *, void *);" for n in NUMBERS]
     functions += [f"unsigned soter_{n}(const void *, const int64_t *, void *);" for n in TRUTHS]
     return interface(FORMS, declarations(HERE / "soter_reach.h"), "\n".join(functions))
@@ -315,9 +322,9 @@ class ReachLibrary:
         extra: tuple[str, ...] = (),
         reads: Mapping[str, frozenset[int]] = MappingProxyType({}),
     ) -> None:
-        """`source`: the text of the enclosure unit; `extra`: more compiler flags (tests).
+        """Compiles and loads `source`, an enclosure unit; `extra` has more compiler flags.
 
-        `reads`: the inputs that each function of the unit reads, where they are known.
+        `reads` has the inputs that each function of the unit reads, if they are known.
         """
         self.inputs, self.reads = _input_count(source), reads
         self.ffi = engine_ffi()
@@ -326,7 +333,7 @@ class ReachLibrary:
         self.lib = open_library(self.ffi, self.path)
 
     def symbol(self, name: str) -> Any:  # noqa: ANN401 - cdata
-        """The address of `soter_NAME` of the unit, or NULL where the unit has no such function."""
+        """The address of the function `soter_NAME` in the unit; NULL if the unit has none."""
         try:
             return self.ffi.cast("void *", self.ffi.addressof(self.lib, f"soter_{name}"))
         except (AttributeError, self.ffi.error):
@@ -334,7 +341,7 @@ class ReachLibrary:
 
 
 def compiled_library(source: str, inputs: int, extra: tuple[str, ...] = ()) -> Path:
-    """The path of the shared library, cached or built now; may raise `SoterError` X004, X006."""
+    """The path of the shared library, which is built if not cached; may raise X004 or X006."""
     compiler = find_compiler()
     more = (f"-DSOTER_INPUTS={inputs}", *vector_flags(), *extra)
     flags, unit_flags = (*FLAGS, *more), (*FLAGS, UNIT_LEVEL, *more)
@@ -360,9 +367,9 @@ TRUE = 2
 
 
 def library_of(problem: Problem) -> tuple[ReachLibrary, tuple[str, ...]]:
-    """The compiled enclosures of a problem, and the prelude functions that they use.
+    """Compiles the enclosures of a problem; gives them and the prelude functions that they use.
 
-    `SoterError` R007 where something cannot be enclosed, or depends on a state without bounds.
+    Raises R007 if something cannot be enclosed or depends on a state without bounds.
     """
     parts = problem.system, problem.core, problem.module, problem.quantities
     try:
@@ -393,7 +400,7 @@ def _refuse_unbounded_reads(problem: Problem, unit: EnclosureUnit) -> None:
 
 
 def _safer_in_ac(problem: Problem) -> TypedExpr | None:
-    """The predicate `safer` with the modes it waits for taken as AC; None: it waits for none."""
+    """`safer` with every mode that it waits for taken as AC; None if it waits for no mode."""
     safer = problem.module.symbol.safer
     if safer is None or problem.modes is None or not problem.modes.waits:
         return None
@@ -405,7 +412,7 @@ FORM = 4
 
 
 def affine_inputs(box: Floats, count: int) -> Floats:
-    """Forms (count, 4 + count) of the inputs in a box (n, 2), a symbol each; rows beyond are 0."""
+    """Affine forms (count, 4 + count) of the inputs in a box (n, 2); rows after row n are 0."""
     low, high = box[:, 0], box[:, 1]
     n, point, middle = len(box), low == high, low / 2 + high / 2
     radius = np.nextafter(np.maximum(high - middle, middle - low), np.inf)
@@ -417,7 +424,7 @@ def affine_inputs(box: Floats, count: int) -> Floats:
 
 
 class CompiledEnclosures:
-    """An evaluator of a unit over boxes, arrays (inputs, 2) of bounds in the order of inputs."""
+    """Evaluates a unit over boxes; a box (inputs, 2) has the bounds of all inputs in order."""
 
     def __init__(self, library: ReachLibrary, problem: Problem, parameter: Sequence[int]) -> None:
         self.library = library
@@ -433,7 +440,7 @@ class CompiledEnclosures:
         """The box of all inputs, each over its whole range."""
 
     def with_ranges(self, ranges: Mapping[int, tuple[float, float]]) -> CompiledEnclosures:
-        """A copy of these enclosures with other ranges of some inputs in `whole`."""
+        """A copy in which some inputs have other ranges in `whole`, the box of all inputs."""
         forms = copy(self)
         forms.whole = self.whole.copy()
         for i, r in ranges.items():
@@ -441,18 +448,18 @@ class CompiledEnclosures:
         return forms
 
     def affine_results(self, name: str, forms: Floats, count: int) -> Floats | None:
-        """Forms of the results, (count, 4 + inputs): low, high, centre, remainder, coefficients.
+        """Affine forms of a function's results, (count, 4 + inputs); None if a fault is possible.
 
-        `forms`: the forms of the inputs, of the same shape. None: a step fault is possible.
+        Each row has low, high, centre, remainder and coefficients, as the rows of `forms` do.
         """
         self._in[:] = 0.0
         self._in[: len(forms)] = forms
         return None if self._fault_of_call(name) else np.array(self._out[:count])
 
     def truth(self, name: str, box: Floats) -> int:
-        """The truth of a predicate over a box (inputs, 2): bit 0: may be false, bit 1: may be true.
+        """The truth of a predicate over a box (inputs, 2): bit 0 if it may be false, bit 1 if true.
 
-        Both bits are set where a step fault is possible.
+        Both bits are set if a step fault is possible.
         """
         return 3 if self._fault_over_box(name, box) else int(self._out.view(np.uint8).flat[0])
 
@@ -472,13 +479,13 @@ class CompiledEnclosures:
         )
 
     def result_bounds(self, name: str, box: Floats, count: int) -> Floats | None:
-        """Bounds (count, 2) of a function's results over a box; None: a step fault is possible."""
+        """The bounds (count, 2) of a function's results over a box; None if it may fault there."""
         if self._fault_over_box(name, box):
             return None
         return np.array(self._out[:count, :2])
 
     def conjunct_names(self, name: str) -> list[str]:
-        """The functions of which a predicate is the conjunction; empty: it is no conjunction."""
+        """The names of the functions for a predicate's conjuncts; none if it is no conjunction."""
         candidates = [f"{name}_{k}" for k in range(PARTS_MAX)]
         return [f for f in candidates if self.library.symbol(f) != self.library.ffi.NULL]
 

@@ -54,21 +54,21 @@ PERIODIC = frozenset({"sin", "cos", "tan", "wrap_angle"})
 """Functions with the period of a full turn."""
 
 
-def is_prelude(function: core.Function) -> bool:
-    """Whether a function is one of the prelude (a program may declare its own `sin`)."""
+def is_prelude_function(function: core.Function) -> bool:
+    """Whether the function comes from the prelude; a program may declare another `sin`."""
     return function.span.source.name.startswith("<prelude>/")
 
 
 def prelude_call_enclosure(
     ops: EnclosureOperations, function: core.Function, arguments: tuple[Item, ...]
 ) -> Item | None:
-    """An enclosure of the exact value of a prelude function; None: enclose its body instead."""
+    """An enclosure of a prelude function's exact value; None if its body must be enclosed."""
     name = function.source_name
-    if is_prelude(function) and name in PERIODIC:
+    if is_prelude_function(function) and name in PERIODIC:
         (angle,) = arguments
         if isinstance(angle, Form) and angle.turns:
             return _enclosure_of_periodic_call(ops, name, angle)
-    if name not in ENCLOSED or not is_prelude(function):
+    if name not in ENCLOSED or not is_prelude_function(function):
         return None
     bound = BOUNDS[name]
     assert not bound.relative
@@ -78,14 +78,14 @@ def prelude_call_enclosure(
 
 
 def _enclosure_of_periodic_call(ops: EnclosureOperations, name: str, angle: Form) -> Item:
-    """An enclosure of a function with the period of a turn, at an angle any turns away."""
+    """The value of a periodic function at an angle that may be off by any number of full turns."""
     bound, near = BOUNDS[name], ops.angle_of_any_turn(angle)
     off = bound.absolute if name == "wrap_angle" else bound.ulps
     return Form(ops.emitter.emit("form", f"soter_n_{name}", near, float_literal(off)))
 
 
 class EnclosureBody(Execution[Item]):
-    """An execution of Core that emits operations on enclosures."""
+    """Runs Core and emits operations on enclosures instead of computing values."""
 
     def __init__(
         self,
@@ -102,7 +102,7 @@ class EnclosureBody(Execution[Item]):
         """The names of the prelude functions whose tested error bounds were used."""
 
     def expr(self, e: core.Expr) -> Item:
-        """The value of an expression, known now or emitted."""
+        """The enclosure of an expression's value, either already known or held by a C variable."""
         value = super().expr(e)
         return as_parts(value) if isinstance(value, Constant) and is_scalar(value.type) else value
 
@@ -199,7 +199,7 @@ class EnclosureBody(Execution[Item]):
         self.ops.note_fault_unless(condition)
 
     def result_of(self, f: core.Function, arguments: tuple[Item, ...]) -> Item:
-        """The result of a call, written out in place; raises `EnclosureError` for an extern."""
+        """The result of a call, with its body emitted in place; `EnclosureError` for an extern."""
         known = prelude_call_enclosure(self.ops, f, arguments)
         if known is not None:
             self.prelude.add(f.source_name)
@@ -233,7 +233,7 @@ class EnclosureBody(Execution[Item]):
     def _with_new_part(
         self, old: Item, path: tuple[int | Item, ...], new: Callable[[Item], Item]
     ) -> Item:
-        """The value `old` with its part at `path` replaced; an undecided index: each may be."""
+        """`old` with the part at `path` changed; at an undecided index any part may change."""
         if not path:
             return new(old)
         step, rest = path[0], path[1:]
@@ -251,10 +251,10 @@ class EnclosureBody(Execution[Item]):
         return replace(whole, items=tuple(items))
 
     def _run_where(self, condition: core.Expr, body: tuple[core.Stmt, ...], *, truth: bool) -> None:
-        """Runs one side of a branch, where the variable that the condition reads is known.
+        """Runs one side of a branch, on which the truth of the condition's variable is known.
 
-        `a && b` is a branch on a variable that already holds `a` (core/lower_expressions.py):
-        without this an undecided `a` with a false `b` would stay undecided.
+        `a && b` is a branch on a variable that already holds `a` (core/lower_expressions.py). If
+        `a` is undecided and `b` false, the result would otherwise stay undecided.
         """
         while isinstance(condition, core.Unary) and condition.op == "not":
             condition, truth = condition.operand, not truth
@@ -264,7 +264,7 @@ class EnclosureBody(Execution[Item]):
 
     @property
     def where(self) -> list[Step]:
-        """The block of C to which operations go."""
+        """The block of C to which operations are added."""
         return self.emitter.block
 
     @where.setter

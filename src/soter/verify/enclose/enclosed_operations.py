@@ -42,10 +42,10 @@ from soter.verify.enclose.enclosure_emitter import (
     comparison_of_ranges,
     element_types,
     float_literal,
+    int_literal,
     is_scalar,
     range_of_binary,
     range_of_unary,
-    whole_literal,
 )
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ TURNS_MAX, SUMS_MAX = 4, 8
 
 
 class EnclosureOperations:
-    """The operations on values, which an `Emitter` collects."""
+    """Operations on enclosures; their C code is added to an `Emitter`."""
 
     def __init__(self, emitter: Emitter) -> None:
         self.emitter = emitter
@@ -101,25 +101,25 @@ class EnclosureOperations:
 
     @property
     def any_number(self) -> str:
-        """The C variable for a number without bounds; "" where none was emitted."""
+        """The name of the C variable for an unbounded number; "" if none was emitted."""
         return self.emitter.name_of_constant("soter_form", _form_between(-math.inf, math.inf))
 
     def is_any_number(self, v: Item) -> bool:
-        """Whether a number is one without bounds."""
+        """Whether the value is held by the C variable for an unbounded number."""
         return (
             isinstance(v, Form) and isinstance(v.place, c.Name) and v.place.text == self.any_number
         )
 
     def ints_of(self, v: Item) -> c.CExpr:
-        """The C operand of type `soter_ints` for an int."""
+        """The C operand of type `soter_ints` that holds an int."""
         if isinstance(v, EmittedInts):
             return v.place
         assert isinstance(v, KnownInt)
-        n = whole_literal(v.value)
+        n = int_literal(v.value)
         return c.CallExpr("soter_ints_of", (n, n))
 
     def truth_of(self, v: Item) -> c.CExpr:
-        """The C operand of type `soter_truth` for a bool."""
+        """The C operand of type `soter_truth` that holds a bool."""
         if isinstance(v, EmittedTruth):
             return v.place
         assert isinstance(v, KnownTruth)
@@ -141,14 +141,14 @@ class EnclosureOperations:
         return AggregateParts(items)
 
     def whole_range(self, low: int, high: int) -> EmittedInts | KnownInt:
-        """An enclosure of all ints of a range."""
+        """An enclosure of all ints from `low` to `high`."""
         if low == high:
             return KnownInt(low)
-        ends = (whole_literal(low), whole_literal(high))
+        ends = (int_literal(low), int_literal(high))
         return EmittedInts(self.emitter.emit("ints", "soter_ints_of", *ends))
 
     def float_range(self, low: float, high: float) -> Form | FloatRange:
-        """An enclosure of all floats of a range; if both ends are infinite, also of NaN."""
+        """An enclosure of all floats from `low` to `high`; if both are infinite, also of NaN."""
         if math.isfinite(low) and math.isfinite(high):
             return FloatRange(low, high)
         return Form(self._static_form(low, high))
@@ -180,13 +180,13 @@ class EnclosureOperations:
             if op == "-":
                 op, b = "+", FloatRange(-b.high, -b.low)
             if op in {"*", "+"} or not b.low <= 0.0 <= b.high:
-                return self._operation_beside_range(op, a, b)
+                return self._operation_with_range(op, a, b)
         if op == "*" and a == b:
             return self._form_result("soter_n_square", self.form_of(a))
         return self._form_result(f"soter_n_{BINARY[op]}", self.form_of(a), self.form_of(b))
 
     def _sum_with_turns(self, op: str, a: Item, b: Item) -> Form | None:
-        """A sum or difference with angles that turn; None: none of them turns, or too many do."""
+        """The sum or difference if an angle may be full turns off; None if none, or too many."""
         turning = [x for x in (a, b) if isinstance(x, Form) and x.turns]
         turns, sums = sum(x.turns for x in turning), sum(x.sums for x in turning) + 1
         if not turning or turns > TURNS_MAX or sums > SUMS_MAX:
@@ -194,8 +194,8 @@ class EnclosureOperations:
         plain = (Form(x.place) if isinstance(x, Form) else x for x in (a, b))
         return self._form_with_turns(self.binary(op, *plain), turns, sums)
 
-    def _operation_beside_range(self, op: str, a: Item, b: FloatRange) -> Form:
-        """The result of `+`, `*` or `/` on a float and a float known to lie in a range."""
+    def _operation_with_range(self, op: str, a: Item, b: FloatRange) -> Form:
+        """The result of `+`, `*` or `/` on a float and another float that lies in a known range."""
         name = {"+": "shift", "*": "scale", "/": "over"}[op]
         ends = float_literal(b.low), float_literal(b.high)
         return self._form_result(f"soter_n_{name}", self.form_of(a), *ends)
@@ -223,7 +223,7 @@ class EnclosureOperations:
         return replace(v, turns=turns, sums=sums)
 
     def angle_of_any_turn(self, v: Form) -> c.CExpr:
-        """The argument of a periodic function, with the rounding error of an angle turns away."""
+        """An angle for a periodic function, widened by the rounding errors of full turns."""
         return address(self.emitter.emit("form", "soter_n_any_turn", address(v.place)))
 
     def negation(self, v: Item) -> Item:
@@ -294,7 +294,7 @@ class EnclosureOperations:
             if not low <= v.value <= high:
                 self.note_possible_fault()
             return KnownInt(min(max(v.value, low), high))
-        ends = (whole_literal(low), whole_literal(high))
+        ends = (int_literal(low), int_literal(high))
         return EmittedInts(
             self.emitter.emit("ints", "soter_ints_narrow", self.ints_of(v), *ends, FAULT, kept=True)
         )
@@ -305,7 +305,7 @@ class EnclosureOperations:
             if not 0 <= v.value < limit.value:
                 self.note_possible_fault()
             return KnownInt(min(max(v.value, 0), max(capacity - 1, 0)))
-        operands = (self.ints_of(v), self.ints_of(limit), whole_literal(capacity))
+        operands = (self.ints_of(v), self.ints_of(limit), int_literal(capacity))
         name = self.emitter.emit("ints", "soter_ints_index", *operands, FAULT, kept=True)
         return EmittedInts(name)
 
@@ -318,7 +318,7 @@ class EnclosureOperations:
         )
 
     def checked_number(self, v: Item) -> Item:
-        """The same float, to be compared; notes a fault if it may be NaN."""
+        """The same float for a comparison; notes a possible fault if it may be NaN."""
         if not isinstance(v, FloatRange):
             is_number = EmittedTruth(self.emitter.emit("truth", "soter_is_number", self.form_of(v)))
             self.note_fault_unless(is_number)
@@ -350,7 +350,7 @@ class EnclosureOperations:
         return EmittedTruth(self.emitter.emit("truth", "soter_truth_select", *arguments))
 
     def leafwise(self, a: Item, b: Item, leaf: Callable[[Item, Item], Item]) -> Item:
-        """The value made by applying `leaf` to each pair of leaves that differ; equal ones stay."""
+        """Applies `leaf` to each pair of leaves that differ, and keeps leaves that are equal."""
         if a is b or a == b:
             return a
         a = as_parts(a) if isinstance(a, Constant) else a
@@ -377,7 +377,7 @@ class EnclosureOperations:
         then: list[Step],
         otherwise: list[Step],
     ) -> Item:
-        """The value of a variable after a branch, if its blocks end with `a` and `b` in it."""
+        """The value of a variable after a branch; it is `a` or `b` at the end of each block."""
 
         def leaf(x: Item, y: Item) -> Item:
             kind = kind_of(x)
@@ -392,7 +392,7 @@ class EnclosureOperations:
     def value_after_block(
         self, v: Item, variables: list[MergedVariable], block: list[Step]
     ) -> Item:
-        """A value that a block computed, for use after that block, if it ran."""
+        """A value from a block in a form that can be used after the block, if the block ran."""
         v = as_parts(v) if isinstance(v, Constant) else v
         if isinstance(v, AggregateParts):
             return AggregateParts(
@@ -420,7 +420,7 @@ class EnclosureOperations:
         return self.ints_of(v) if kind == "ints" else self.truth_of(v)
 
     def element_at(self, target: Item, at: Item, t: Type) -> Item:
-        """The element of an array or list at an index that lies inside."""
+        """The element of an array or list at an index that is surely in range."""
         if isinstance(at, KnownInt):
             whole = as_parts(target) if isinstance(target, Constant) else target
             assert isinstance(whole, (AggregateParts, Sequence))
@@ -450,12 +450,12 @@ class EnclosureOperations:
             items = tuple((None, float_literal(float(v))) for v in values)  # type: ignore[arg-type]
             table = self.emitter.static_name("double", "table", c.Initializer(items), array=True)
             return self._form_result("soter_n_table", table, self.ints_of(at))
-        items = tuple((None, whole_literal(int(v))) for v in values)  # type: ignore[call-overload]
+        items = tuple((None, int_literal(int(v))) for v in values)  # type: ignore[call-overload]
         table = self.emitter.static_name("int64_t", "table", c.Initializer(items), array=True)
         return EmittedInts(self.emitter.emit("ints", "soter_ints_table", table, self.ints_of(at)))
 
     def _element_of_items(self, items: tuple[Item, ...], at: Item) -> Item:
-        """The item at an index, or a join of several where the index is undecided."""
+        """The item at an index; if the index is undecided, a join of all items that it may mean."""
         selection = items[-1]
         if len(items) == 1:
             return selection
@@ -466,14 +466,14 @@ class EnclosureOperations:
 
 
 def emitted_value(kind: str, name: str) -> Form | EmittedInts | EmittedTruth:
-    """The value held by a variable of the emitted C, by its kind and name."""
+    """The value that a variable of the emitted C holds, by its kind and name."""
     if kind == "form":
         return Form(c.Name(name))
     return EmittedInts(c.Name(name)) if kind == "ints" else EmittedTruth(c.Name(name))
 
 
 def kind_of(v: Item) -> str:
-    """The kind of a scalar's C type: `ints`, `truth` or `form`."""
+    """The kind of a scalar's C type, which is `ints`, `truth` or `form`."""
     if isinstance(v, (EmittedInts, KnownInt)):
         return "ints"
     return "truth" if isinstance(v, (EmittedTruth, KnownTruth)) else "form"

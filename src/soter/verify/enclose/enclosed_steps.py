@@ -48,7 +48,7 @@ FLOAT_MAX = sys.float_info.max
 
 
 class EnclosedFunction:
-    """One function of the enclosure that is being emitted."""
+    """The enclosure of one function while its C code is emitted."""
 
     def __init__(
         self,
@@ -81,7 +81,7 @@ class EnclosedFunction:
         return EnclosureBody(self.emitter, functions, self.cell_value, self.prelude)
 
     def cell_value(self, cell: core.Cell, t: Type) -> Item:
-        """The value of a cell: a state of a plant, or a topic."""
+        """The value of a cell of Core, which is a plant's state or a topic."""
         if cell.kind == "state":
             return self.inputs.state_value(cell.owner, cell.name, t)
         assert cell.kind == "topic"
@@ -108,7 +108,7 @@ class EnclosedFunction:
         return self.inputs.topic_value(topic, self.inputs.others if self.estimated else {})
 
     def error_bound_by_path(self, topic: int) -> dict[tuple[str, ...], float]:
-        """The bounds of the measurement errors of a driven topic's leaves, by path."""
+        """The bounds of the measurement errors of a driven topic, by the path of the leaf."""
         t = self.system.topics[topic].type
         all_paths = [p for p, _ in leaves(t)]
         return {
@@ -119,7 +119,7 @@ class EnclosedFunction:
         }
 
     def plants_with_steps(self) -> list[tuple[Component, core.PlantStep]]:
-        """The verification plants with their steps; raises `EnclosureError` where one is extern."""
+        """The verification plants with their steps; raises `EnclosureError` if a step is extern."""
         plants = [(self.system.components[i], p) for i, p in sorted(self.core.plants.items())]
         for component, step in plants:
             if step.extern:
@@ -140,8 +140,8 @@ class EnclosedFunction:
             body.bind(name, t, value)
         return body
 
-    def set_driven_topics(self) -> None:
-        """Computes the topics that plants drive from the states."""
+    def compute_driven_topics(self) -> None:
+        """Computes from the states the values of the topics that plants drive."""
         driven: dict[int, Item] = {}
         for component, step in self.plants_with_steps():
             body = self._plant_body(component, step)
@@ -152,13 +152,13 @@ class EnclosedFunction:
         self._topics = {}
 
     def _make_estimates(self, topics: Iterable[int]) -> None:
-        """Reads topics before any branch, as a value first read in one may be used after it."""
+        """Reads the topics before any branch, so that code after the branch can use the values."""
         for index in topics:
             self._topics[index] = self._topic_value(index)
 
     def commands_of_sc(self) -> list[c.CExpr]:
-        """The commands of SC, one per control; raises `EnclosureError` where SC is extern."""
-        self.set_driven_topics()
+        """The commands of SC, one per control; raises `EnclosureError` if SC is extern."""
+        self.compute_driven_topics()
         self.estimated = True
         step = self.core.nodes[self.module.sc]
         component = self.system.components[self.module.sc]
@@ -180,7 +180,7 @@ class EnclosedFunction:
         ]
 
     def _value_behind_gate(self, body: EnclosureBody, number: int, output: core.Output) -> Item:
-        """The value of an output behind the gate: the published value, or the one before it."""
+        """The value of an output after the gate: the new value, or the old if none is published."""
         topic = self.system.topics[output.topic]
         held = self.inputs.topic_value(topic, {})
         has, value, _ = body.frame.outputs.get(number, (KnownTruth(False), held, topic.type))
@@ -199,7 +199,7 @@ class EnclosedFunction:
         return self.ops.selection(has, self.inputs.value_of_leaves(topic.type, checked), held)
 
     def _leaf_behind_gate(self, t: Type, v: Item, bound: Bound | None) -> Item:
-        """A leaf behind the gate; notes a fault if the leaf may be outside its bounds."""
+        """The value of a leaf after the gate; notes a fault if the leaf may be out of bounds."""
         if isinstance(t, FloatType):
             low, high = (bound.low, bound.high) if bound else (-float("inf"), float("inf"))
             ends = (float_literal(low), float_literal(high))
@@ -217,14 +217,14 @@ class EnclosedFunction:
         return {p: v for p, _, v in leaf_values(t, topics[leaf.owner])}[leaf.path]
 
     def leaf_form(self, v: Item) -> c.CExpr:
-        """The form of a leaf, as a result for the caller; of a list it is any number."""
+        """The form of a leaf for the caller; the form of a list has no bounds."""
         if isinstance(v, Sequence):
             v = FloatRange(-math.inf, math.inf)
         return self.ops.form_of(v if kind_of(v) == "form" else self.ops.float_of_int(v))
 
     def driven_leaves(self) -> list[c.CExpr]:
-        """The leaves of driven topics, ordered by the topic's index and their declaration."""
-        self.set_driven_topics()
+        """The leaves of all driven topics, in order of topic number and of declaration."""
+        self.compute_driven_topics()
         assert self._driven is not None
         return [
             self.leaf_form(v)
@@ -233,11 +233,11 @@ class EnclosedFunction:
         ]
 
     def set_conditions(self) -> list[Item]:
-        """The condition, for each driven leaf with a set, that it lies there with every error.
+        """The conditions that each driven leaf lies in its declared set with every error.
 
-        The last condition is that leaves without a set are finite. To be called after
-        `set_driven_topics`. Lists, arrays too long to be numbered, and leaves that equal a state
-        that is no input or is read modulo a full turn have no condition.
+        The last condition is that leaves without a set are finite. Call this after
+        `compute_driven_topics`. Lists, arrays too long to be numbered, and leaves that equal a
+        state that is no input or is read modulo a full turn have no condition.
         """
         assert self._driven is not None
         conditions: list[Item] = []
@@ -267,7 +267,7 @@ class EnclosedFunction:
 
     @staticmethod
     def is_flow(core_system: core.CoreSystem) -> bool:
-        """Whether every plant that moves follows a differential equation and nothing else."""
+        """Whether plants move, and each moving plant follows only a differential equation."""
         moving = [p for p in core_system.plants.values() if p.integrate]
         functions = {f.name: f for f in core_system.functions}
         return bool(moving) and all(right_hand_side(p, functions) is not None for p in moving)
@@ -318,7 +318,7 @@ class EnclosedFunction:
     def _predicate_value(
         self, p: core.Predicate, more: Mapping[str, core.Function], *, estimated: bool
     ) -> Item:
-        self.set_driven_topics()
+        self.compute_driven_topics()
         self.estimated = estimated
         self._make_estimates(self.module.scope.topics.values())
         body = self.new_body(more)
@@ -339,8 +339,8 @@ class EnclosedFunction:
         return self.ops.truth_of(self._expression_value(e, estimated=estimated))
 
     def truth_of_publishing(self, number: int | None = None) -> c.CExpr:
-        """The truth that plants publish within their sets: by all conditions, or by one."""
-        self.set_driven_topics()
+        """The truth that plants publish within their sets; `number` selects one condition."""
+        self.compute_driven_topics()
         conditions = self.set_conditions()
         if number is not None:
             conditions = conditions[number : number + 1]
@@ -353,9 +353,9 @@ class EnclosedFunction:
 
 
 def room_of(bound: Bound | None, error: float) -> tuple[float, float]:
-    """The range in which a float stays inside its set when an error up to `error` is added.
+    """The range of floats that stay inside a set after an error up to `error` is added.
 
-    It is exact: the sum of a float in it and an error stays in the set after rounding.
+    The range is exact: each sum of a float from the range and an error, rounded, is in the set.
     """
     low, high = (bound.low, bound.high) if bound is not None else (-FLOAT_MAX, FLOAT_MAX)
     least, most = Fraction(low) + Fraction(error), Fraction(high) - Fraction(error)
@@ -365,10 +365,10 @@ def room_of(bound: Bound | None, error: float) -> tuple[float, float]:
 def right_hand_side(
     step: core.PlantStep, functions: Mapping[str, core.Function]
 ) -> core.Call | None:
-    """The call of a plant's derivative function; None: the plant moves in steps (`next`)."""
+    """The call of a plant's derivative function; None if the plant moves in steps by `next`."""
     calls = [
         s
-        for s in _statements_in_loops(step.integrate)
+        for s in _statements_without_loops(step.integrate)
         if isinstance(s, core.Call) and functions[s.function].source_name.endswith(": der")
     ]
     written = {x.name for x in step.states if x.written}
@@ -379,9 +379,9 @@ def right_hand_side(
     return calls[0] if len(written) == len(record.fields) else None
 
 
-def _statements_in_loops(statements: tuple[core.Stmt, ...]) -> list[core.Stmt]:
-    """The statements, with those of loop bodies in the place of loops."""
+def _statements_without_loops(statements: tuple[core.Stmt, ...]) -> list[core.Stmt]:
+    """The statements, with each loop replaced by the statements in its body."""
     result: list[core.Stmt] = []
     for s in statements:
-        result += _statements_in_loops(s.body) if isinstance(s, core.Loop) else [s]
+        result += _statements_without_loops(s.body) if isinstance(s, core.Loop) else [s]
     return result

@@ -42,12 +42,12 @@ MAX_OPERATIONS = 60_000
 
 
 class EnclosureError(Exception):
-    """A module cannot be enclosed; the text says why, for people."""
+    """Raised if a module cannot be enclosed; the text says the reason in words."""
 
 
 @dataclass(eq=False)
 class Op:
-    """A call of a C function; `kind`: its result, "form", "ints", "truth", or "" for none."""
+    """A call of a C function; `kind` is "form", "ints" or "truth", or "" without a result."""
 
     kind: str
     result: str
@@ -77,7 +77,7 @@ class MergeStore:
 
 @dataclass(eq=False)
 class EmittedBranch:
-    """A branch on a condition; a block runs if its side may be taken, so both may run."""
+    """A branch on a condition; both blocks run if the condition is undecided."""
 
     condition: c.CExpr
     merged: list[MergedVariable]
@@ -90,7 +90,7 @@ Step = Op | MergeStore | EmittedBranch
 
 @dataclass
 class Emitter:
-    """The collector of the operations of one emitted function."""
+    """Collects the operations of one emitted function."""
 
     statics: dict[tuple[str, str], c.VariableDef] = field(default_factory=dict)
     """The constant forms and tables of the whole unit, by type and content."""
@@ -104,12 +104,12 @@ class Emitter:
     _next: int = 0
 
     def new_variable_name(self, kind: str) -> str:
-        """The name of a new variable."""
+        """A name for a new variable of this kind, not used before."""
         self._next += 1
         return f"{kind[0]}{self._next}"
 
     def emit(self, kind: str, function: str, *arguments: c.CExpr, kept: bool = False) -> c.Name:
-        """Adds an operation and returns its result's variable; `EnclosureError`: too many."""
+        """Adds an operation and gives its result's variable; `EnclosureError` if too many."""
         self.operations += 1
         if self.operations > MAX_OPERATIONS:
             msg = f"more than {MAX_OPERATIONS} operations when loops and calls are written out"
@@ -119,7 +119,7 @@ class Emitter:
         return c.Name(result)
 
     def input_variable(self, number: int) -> c.Name:
-        """The variable that holds the form of input `number`; notes that it is read."""
+        """The variable that holds the form of input `number`; notes that the input is read."""
         return self.reads.setdefault(number, c.Name(f"x{number}"))
 
     def static_name(self, type_: str, stem: str, value: c.Initializer, *, array: bool) -> c.Name:
@@ -131,13 +131,13 @@ class Emitter:
         return c.Name(self.statics[key].name)
 
     def name_of_constant(self, type_: str, value: c.Initializer) -> str:
-        """The name of the constant C object with this value; "" where there is none."""
+        """The name of the constant C object with this value; "" if none exists."""
         found = self.statics.get((type_, repr(value)))
         return "" if found is None else found.name
 
 
 def float_literal(x: float) -> c.CExpr:
-    """The C literal of exactly this double."""
+    """The C literal whose value is exactly this double."""
     if math.isnan(x):
         return c.Cast("double", c.Name("NAN"))
     if math.isinf(x):
@@ -151,13 +151,13 @@ def address(place: c.CExpr) -> c.CExpr:
     return c.Unary("&", place)
 
 
-def whole_literal(value: int) -> c.CExpr:
-    """The C literal of this int64_t."""
+def int_literal(value: int) -> c.CExpr:
+    """The C literal of an int64_t with this value."""
     return int_number(value)
 
 
 def names_in(e: object) -> Iterator[str]:
-    """The names in expressions and statements of C."""
+    """The names that occur in an expression or statement of C, or in a tuple of these."""
     if isinstance(e, c.Name):
         yield e.text
     elif isinstance(e, tuple):
@@ -169,10 +169,10 @@ def names_in(e: object) -> Iterator[str]:
 
 
 def without_unread(block: list[Step], live: set[str], *, faults: bool = True) -> list[Step]:
-    """The block without the operations whose results nothing reads.
+    """The block without the operations whose results no other operation reads.
 
-    `live`: the variables read after the block; the function adds those read in it. `faults`: keep
-    all operations that may fault.
+    `live` has the variables read after the block; the function adds those that the block reads.
+    With `faults` all operations that may fault are kept.
     """
     steps: list[Step] = []
     for s in reversed(block):
@@ -196,7 +196,7 @@ def without_unread(block: list[Step], live: set[str], *, faults: bool = True) ->
 
 
 def c_statements_of(block: list[Step]) -> list[c.CStmt]:
-    """The C statements of a block from which unread operations are removed."""
+    """The C statements for a block that has no unread operations any more."""
     c_statements: list[c.CStmt] = []
     for s in block:
         if isinstance(s, Op):
@@ -256,9 +256,9 @@ def _declaration_of_merged(m: MergedVariable) -> list[c.CStmt]:
 def function_body(
     block: list[Step], reads: dict[int, c.Name], results: list[c.CStmt], *, faults: bool = True
 ) -> tuple[c.CStmt, ...]:
-    """The body of a C function: it reads inputs, each with its symbol, and gives results.
+    """The body of a C function that reads inputs, computes and writes the results.
 
-    Without `faults` it reports faults only of operations on which the results depend.
+    Without `faults` it reports only the faults of operations on which the results depend.
     """
     live = {n for s in results for n in names_in(s)}
     inner = c_statements_of(without_unread(block, live, faults=faults))
@@ -299,7 +299,7 @@ class Form:
 
 @dataclass(frozen=True)
 class FloatRange:
-    """A float known to lie in [low, high], both finite; low == high: that float."""
+    """A float known to lie in [low, high]; both ends are finite, and equal for a known float."""
 
     low: float
     high: float
@@ -350,7 +350,7 @@ class Sequence:
 
 @dataclass(frozen=True)
 class Constant:
-    """A constant that is not yet split into its parts, as tables are large."""
+    """A constant that is kept in one piece, because tables are large."""
 
     type: Type
     value: Plain
@@ -376,7 +376,7 @@ def is_scalar(t: Type) -> bool:
 
 
 def as_parts(v: Constant) -> Item:
-    """A constant split by one level; a float that is not finite stays a `Constant`."""
+    """A constant split into its direct parts; an infinite or NaN float stays a `Constant`."""
     t, value = v.type, v.value
     if isinstance(t, FloatType):
         x = float(value)
@@ -394,7 +394,7 @@ def as_parts(v: Constant) -> Item:
 
 
 def rounded_down(x: Fraction) -> float:
-    """The largest double that is at most `x`; -inf where `x` is below all doubles."""
+    """The largest double that is at most `x`; -inf if `x` is below all doubles."""
     if x < -Fraction(LARGEST):
         return -math.inf
     if x >= Fraction(LARGEST):
@@ -404,16 +404,16 @@ def rounded_down(x: Fraction) -> float:
 
 
 def range_around(values: tuple[Fraction, ...]) -> FloatRange | None:
-    """The smallest range of doubles that holds exact values, and so their rounded ones.
+    """The smallest range of doubles around exact values; it also holds their rounded values.
 
-    None where a value may round to infinity.
+    Returns None if a value may round to infinity.
     """
     low, high = rounded_down(min(values)), -rounded_down(-max(values))
     return FloatRange(low, high) if math.isfinite(low) and math.isfinite(high) else None
 
 
 def range_of_binary(op: str, a: FloatRange, b: FloatRange) -> FloatRange | None:
-    """The range of `a op b`, by exact arithmetic; None: it cannot be computed now."""
+    """The range of `a op b` in exact arithmetic; None if the C code must compute it."""
     left, right = (Fraction(a.low), Fraction(a.high)), (Fraction(b.low), Fraction(b.high))
     if op == "+":
         return range_around((left[0] + right[0], left[1] + right[1]))
@@ -427,7 +427,7 @@ def range_of_binary(op: str, a: FloatRange, b: FloatRange) -> FloatRange | None:
 
 
 def range_of_unary(op: str, a: FloatRange) -> FloatRange | None:
-    """The range of neg, abs, floor or sqrt of a range; None: it cannot be computed now."""
+    """The range of neg, abs, floor or sqrt of a range; None if the C code must compute it."""
     if op == "neg":
         return FloatRange(-a.high, -a.low)
     if op == "abs":
@@ -445,7 +445,7 @@ def range_of_unary(op: str, a: FloatRange) -> FloatRange | None:
 
 
 def comparison_of_ranges(op: str, a: tuple[float, float], b: tuple[float, float]) -> bool | None:
-    """The truth of `a op b` for numbers of two closed ranges: True, False, or None for either."""
+    """The truth of `a op b` for numbers from two closed ranges; None if it may be true or false."""
     if op in {">", ">="}:
         return comparison_of_ranges("<" if op == ">" else "<=", b, a)
     if op == "!=":

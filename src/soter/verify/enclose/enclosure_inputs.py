@@ -36,7 +36,7 @@ from soter.verify.enclose.enclosure_emitter import (
     address,
     as_parts,
     element_types,
-    whole_literal,
+    int_literal,
 )
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def part_names(t: Type) -> tuple[str, ...]:
 
 
 class EnclosureInputs:
-    """The reader of leaves from `in[]` and `param[]` in one emitted function."""
+    """Reads leaves from `in[]` and `param[]` in one emitted function."""
 
     def __init__(self, ops: EnclosureOperations, quantities: Quantities) -> None:
         self.ops = ops
@@ -88,7 +88,7 @@ class EnclosureInputs:
         self.turning = q.turning
 
     def input_leaf(self, number: int, t: Type) -> Item:
-        """The value, of a scalar type, of input `number`."""
+        """The value of input `number`, which has a scalar type."""
         if isinstance(t, FloatType):
             return Form(self.ops.emitter.input_variable(number), turns=int(number in self.turning))
         place = c.IndexExpr(c.Name("in"), c.Number(str(number)))
@@ -100,7 +100,7 @@ class EnclosureInputs:
         else:
             assert isinstance(t, IntType)
             low, high = t.low, t.high
-        ends = (whole_literal(low), whole_literal(high))
+        ends = (int_literal(low), int_literal(high))
         return EmittedInts(emit("ints", "soter_ints_input", address(place), *ends))
 
     def parameter_leaf(self, number: int, t: Type) -> Item:
@@ -113,7 +113,7 @@ class EnclosureInputs:
         return EmittedInts(emit("ints", "soter_ints_of", place, place))
 
     def value_of_leaves(self, t: Type, known: dict[Path, Item]) -> Item:
-        """The value of a type with these known leaves; any other leaf may have any value."""
+        """A value of type `t` with these known leaves; every other leaf may have any value."""
 
         def part_at(t: Type, path: Path) -> Item:
             if path in known:
@@ -137,7 +137,7 @@ class EnclosureInputs:
         return self.value_of_leaves(t, known)
 
     def disturbance_value(self, owner: int, d: Disturbance, *, read: bool) -> Item:
-        """The value of a disturbance: an input if `read`, otherwise its whole range."""
+        """The value of a disturbance; with `read` it is an input, otherwise its whole range."""
         t, known = d.variable.type, {}
         for path, leaf in leaves(t, whole_lists=True):
             number = self.disturbances.get((owner, d.variable.name, path))
@@ -148,7 +148,7 @@ class EnclosureInputs:
         return self.value_of_leaves(t, known)
 
     def topic_value(self, topic: Topic, numbers: dict[Key, int]) -> Item:
-        """The value of a topic, from the inputs in `numbers`, otherwise from its declared set."""
+        """The value of a topic; leaves without an input in `numbers` have their declared range."""
         known = self._declared_ranges(topic)
         for path, leaf in leaves(topic.type, whole_lists=True):
             number = numbers.get((topic.index, "", path))
@@ -162,7 +162,7 @@ class EnclosureInputs:
         return {p: self.value_within(t, p, bounds) for p, t in leaves(topic.type, whole_lists=True)}
 
     def value_within(self, t: Type, path: Path, bounds: dict[Path, Bound | None]) -> Item:
-        """An enclosure of all values of a type within bounds."""
+        """An enclosure of all values of a type whose leaves lie within the bounds."""
         if isinstance(t, ListType):
             inner = {
                 q: self.value_within(f, (*path, "[]", *q), bounds)
@@ -182,7 +182,7 @@ class EnclosureInputs:
         return self.ops.any_value(t)
 
     def measured_value(self, topic: int, t: Type, true: Item, *, bounds: dict[Path, float]) -> Item:
-        """The value of a driven topic as it is read: `true` plus errors, inputs or ranges."""
+        """The measured value of a driven topic: the true value plus errors, as inputs or ranges."""
 
         def measured_part(t: Type, path: Path, v: Item) -> Item:
             if path in bounds:

@@ -1,9 +1,9 @@
 """A case of a verification: the state of the proof under one combination of parameter values.
 
 Purpose: each claim reads a `Case`, and enters a `Failure` where the claim is not shown. A case has
-one proof for each group of states (`grid/claims.py`). `axes_entry` writes the axes of a group into
-the entry of a certificate. `ClaimTimer` counts the seconds of a claim. `verdicts_in_words` lists
-the verdicts reached so far for a user who interrupts the command.
+one proof for each group of states (`grid/claims.py`). `certificate_axes_entry` writes the axes of a
+group into the entry of a certificate. `ClaimTimer` counts the seconds of a claim.
+`verdicts_in_words` lists the verdicts reached so far for a user who interrupts the command.
 Non-goals: the claims (`claims.py`).
 
 Claims are asked of all groups in the order of docs/verification.md, section 3: C, K, R(H), then the
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Failure:
-    """A claim that could not be shown, with the cells of a group where it fails, if known."""
+    """A claim that could not be shown; `proof` and `cells` say where it fails, if this is known."""
 
     claim: str
     text: str
@@ -53,7 +53,7 @@ class Failure:
 
 @dataclass(eq=False)
 class Case:
-    """The proofs and failures under one combination of parameter values, while they are made."""
+    """The proofs and failures for one combination of parameter values, while they are made."""
 
     problem: Problem
     parameter: tuple[int, ...]
@@ -77,7 +77,7 @@ class Case:
 
     @property
     def sets(self) -> CaseSets:
-        """The sets of all groups, in the form in which results hold them."""
+        """The sets of all groups, in the form that results hold."""
         return CaseSets(self.parameter, self.proofs)
 
     @property
@@ -96,7 +96,7 @@ class Case:
         return made
 
     def make_fresh(self, proof: Any) -> None:  # noqa: ANN401 - one of `proofs`
-        """Marks a group's proof as one to be computed anew, and removes its failures."""
+        """Removes a group's failures and marks the group's proof to be computed anew."""
         proof.fresh = True
         self.failures = [f for f in self.failures if f.proof is not proof]
 
@@ -163,10 +163,10 @@ def notes_on_interruption(notes: Callable[[], list[str]]) -> Iterator[None]:
         raise
 
 
-def axes_entry(
+def certificate_axes_entry(
     problem: Problem, group: Group, stem: str, files: dict[str, bytes]
 ) -> dict[str, Any]:
-    """The kind and axes of a group for a certificate; adds the breakpoints to `files`."""
+    """Adds a group's breakpoints to `files`; gives the group's kind and axes for a certificate."""
     entry: dict[str, Any] = {"kind": "grid", "axes": []}
     for k, axis in enumerate(group.axes):
         name = f"{stem}_axis{k}.bin"

@@ -19,7 +19,7 @@ from soter.verify.claims.product_sets import CellsPart, points_to_try, states_el
 from soter.verify.claims.results import GroupSets
 from soter.verify.deploy.level_tables import CommandTable, Estimates, GroupTable
 from soter.verify.grid import estimate_sets, recovery
-from soter.verify.grid.case import axes_entry
+from soter.verify.grid.case import certificate_axes_entry
 from soter.verify.grid.grid_refinement import cells_around_box, regions_of
 from soter.verify.grid.recovery import cells_in_way
 from soter.verify.grid.resting import cells_at_rest
@@ -46,11 +46,11 @@ if TYPE_CHECKING:
 def certificate_entry(
     problem: Problem, group: GroupSets, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    """The entry of a group in a certificate.
+    """Gives a group's entry in a certificate and adds the group's tables to `files`.
 
-    Adds the group's tables to `files`: one byte a cell for witnesses, one bit a cell for sets.
+    A table has one byte per cell for witnesses and one bit per cell for sets.
     """
-    group_entry = axes_entry(problem, group.group, stem, files)
+    group_entry = certificate_axes_entry(problem, group.group, stem, files)
     rank, holds = group.rank, group.rank_holds
     if rank is not None and holds is not None and group.home is not None:
         rank = np.where(group.home > 0, 1, rank)
@@ -63,7 +63,7 @@ def certificate_entry(
         "W_N": _table_bytes(holds, "<u1"),
     }
     if group.finer is not None:
-        finer_entry = axes_entry(problem, group.finer[1], f"{stem}_Q", files)
+        finer_entry = certificate_axes_entry(problem, group.finer[1], f"{stem}_Q", files)
         group_entry["Q_axes"] = [axis["edges"] for axis in finer_entry["axes"]]
     for key, data in tables.items():
         if data is not None:
@@ -100,7 +100,7 @@ CROSSED_HINT = "ranges that end a little further out, where the flow points inwa
 
 @dataclass(eq=False)
 class GridProof:
-    """The proof of one group on a grid: the group's engine, and the sets found so far.
+    """The proof of one group on a grid, with the group's engine and the sets found so far.
 
     The claims that follow from K are examined only if the proof is `fresh` and no K is empty.
     """
@@ -122,7 +122,7 @@ class GridProof:
         return self.found.return_ns
 
     def take_constraint(self, case: Case, part: CellsPart) -> None:
-        """Stores C_g, this group's part of C; if it has changed the proof starts anew."""
+        """Stores C_g, this group's part of C; if it has changed, the proof starts anew."""
         if not self.fresh and not np.array_equal(self.found.allowed, part.cells):
             case.make_fresh(self)
         if self.fresh:
@@ -155,7 +155,7 @@ class GridProof:
         return False
 
     def find_free_states(self, case: Case) -> None:
-        """Computes R(H): states from which no command in U leads out of K within the horizon H."""
+        """Computes R(H), the states that no command in U leads out of K within the horizon H."""
         horizon = case.problem.whole_periods(case.problem.times.horizon_ns)
         self.found.free = self.engine.cells_safe_for(horizon, self.found.core > 0)
 
@@ -178,7 +178,7 @@ class GridProof:
             case.fail(predicate, text, self, hint).cells = wrong
 
     def why_not_entered(self, case: Case) -> str:
-        """Why the predicate `enters` may hold outside R(H), in words; "" where it cannot."""
+        """The reason why `enters` may hold outside R(H), in words; "" if it cannot hold there."""
         del case
         assert self.found.free is not None
         wrong = int((self.engine.cells_maybe_true("enters") & ~self.found.free).sum())
@@ -196,7 +196,7 @@ class GridProof:
         return GridProof(self.group, self.engine, found)
 
     def take_table(self, case: Case, table: GroupTable) -> None:
-        """Stores the DM's table and computes the states in which it may let AC have control."""
+        """Stores the DM's table and computes the states where the table may give AC control."""
         estimate_sets.enter_table(case, self, self.engine, self.found, table)
 
     def unshown_start_cells(self, at: tuple[NDArray[np.intp], ...], until_ns: int) -> list[Bools]:
@@ -208,19 +208,19 @@ class GridProof:
         return found
 
     def index_of_start_cells(self, case: Case) -> tuple[NDArray[np.intp], ...] | None:
-        """The index of the cells of the initial states, an array per axis; None: one is outside."""
+        """The indices of the initial states' cells, one array per axis; None if one is outside."""
         starts = [case.problem.initial[s] for s in self.engine.axes]
         box = cells_around_box(self.engine.spans, self.engine.turns, starts)
         at = [b for b in box if b is not None]
         return np.ix_(*at) if len(at) == len(box) else None
 
     def cells_that_give_ac_control(self, case: Case) -> CellsPart | None:
-        """Cells where the DM's table gives AC control at every estimate; None: no table."""
+        """Cells where the DM's table gives AC control at every estimate; None without a table."""
         cells = estimate_sets.states_with_control(case, self.engine, self.found)
         return None if cells is None else CellsPart(self.engine, cells)
 
     def find_recovery(self, case: Case, target: CellsPart) -> None:
-        """Computes Q and W for a target set, unless they are already known for it."""
+        """Computes Q and W for a target set, unless they are already known for this target."""
         before = None if self.fresh else self.found.target
         if before is not None and np.array_equal(before, target.cells):
             return
@@ -239,8 +239,8 @@ class GridProof:
         """The number of cells of K."""
         return int(np.count_nonzero(self.found.core))
 
-    def replace_core_by_way(self, case: Case) -> None:
-        """Replaces K by W, or, if Q is on smaller cells, by what SC keeps of W's declared cells."""
+    def restrict_core_to_way(self, case: Case) -> None:
+        """Replaces K by W; if Q is on smaller cells, by the cells of W that SC can keep."""
         part = self.found
         assert part.home is not None
         assert part.rank is not None
@@ -260,18 +260,18 @@ class GridProof:
 
     @property
     def covers_scheme(self) -> bool:
-        """Whether the simulator's steps are solutions of the engine's model."""
+        """Whether the engine's model includes the steps of the simulator's integration scheme."""
         return self.engine.covers_scheme
 
     @property
     def simultaneous_controls(self) -> tuple[int, ...]:
-        """The commands assumed to act at the same instant: all, if several move the group."""
+        """The commands assumed to act at once: all if several move the group, otherwise none."""
         c = self.engine.c
         moved = tuple(int(c.command[a]) for a in range(c.commands))
         return moved if len(moved) > 1 else ()
 
     def volume_shares(self, case: Case) -> dict[str, float]:
-        """The share of the grid's volume that each known set has, by name; `estimates` is S_0."""
+        """The share of the grid's volume of each known set, by name; `estimates` stands for S_0."""
         del case
         part, edges = self.found, drawn_edges(self.found.group.axes)
         sets = {
@@ -294,19 +294,19 @@ class GridProof:
 
     @property
     def core_share(self) -> float | None:
-        """The share of the volume of C that K has; 0 where C is empty."""
+        """The volume of K as a share of the volume of C; 0 if C is empty."""
         part, edges = self.found, drawn_edges(self.found.group.axes)
         whole = volume_share(part.allowed, edges)
         return volume_share((part.core > 0) & part.allowed, edges) / whole if whole else 0.0
 
     @property
     def free_share(self) -> float | None:
-        """The share of the grid's cells that R(H) has; None where R(H) is not known."""
+        """The cells of R(H) as a share of the grid's cells; None if R(H) is not known."""
         return None if self.found.free is None else float(np.mean(self.found.free))
 
     @property
     def overlap_of_predicates(self) -> tuple[float, bool] | None:
-        """The share of K where AC gets and may keep control, and whether any cell is such a one."""
+        """The share of K where AC may both get and keep control, and whether any cell allows it."""
         part, edges = self.found, drawn_edges(self.found.group.axes)
         if part.lets_ac is None or part.gives_back is None:
             return None
@@ -321,7 +321,7 @@ class GridProof:
         return lets is not None and not (lets & (part.core > 0)).any()
 
     def share_of_core_with_ac(self, case: Case, predicate: str) -> float | None:
-        """The share of K where a predicate, or the table, lets AC have control; None: unknown."""
+        """The share of K where a predicate or the table lets AC have control; None if unknown."""
         del case
         part, edges = self.found, drawn_edges(self.found.group.axes)
         by_predicate = part.deployed or (part.lets_ac, part.gives_back)
@@ -338,12 +338,12 @@ class GridProof:
 
     @property
     def deepest_state(self) -> Mapping[int, float]:
-        """The middle of a cell far inside C: a value by the number of its state."""
+        """The middle of a cell far inside C, as values by the numbers of the states."""
         return deepest_cell(self.found)
 
     @property
     def estimate_levels(self) -> Estimates | None:
-        """S_0 and S_(m-2), with the commands that a shield permits; None if there are no levels."""
+        """S_0, S_(m-2) and the commands that a shield permits; None if no levels are known."""
         part = self.found
         if not part.levels:
             return None
@@ -357,7 +357,7 @@ class GridProof:
     def certificate_entry(
         self, problem: Problem, stem: str, files: dict[str, bytes]
     ) -> dict[str, object]:
-        """The group's entry in a certificate; its tables are added to `files`."""
+        """Gives the group's entry in a certificate, and adds the group's tables to `files`."""
         return certificate_entry(problem, self.found, stem, files)
 
     def region_figures(self, note: str) -> list[RegionFigure]:
@@ -376,7 +376,7 @@ HOW = {
 
 
 def new_proof(case: Case, group: Group) -> GridProof:
-    """A new proof of a group, with a new engine; may raise `UnboundedError`."""
+    """A new proof of a group with a new engine; may raise `UnboundedError`."""
     library, problem = case.forms.library, case.problem
     engine = GridGroup.for_group(library, problem, group, case.parameter)
     allowed = np.zeros(engine.shape, dtype=np.bool_)
@@ -385,9 +385,9 @@ def new_proof(case: Case, group: Group) -> GridProof:
 
 
 def factors_of_predicate(case: Case, predicate: str) -> list[CellsPart] | None:
-    """For each group the cells on which a predicate holds while other groups stay at one point.
+    """For each group the cells on which a predicate holds if other groups stay at one point.
 
-    None where a group has no such cell. A later check shows that the set is their product.
+    None if a group has no such cell. A later check shows the predicate on the sets' product.
     """
     engines = [p.engine for p in case.proofs]
     if len(engines) == 1:
@@ -403,7 +403,7 @@ def factors_of_predicate(case: Case, predicate: str) -> list[CellsPart] | None:
 
 
 def parts_within_core_hint(case: Case, parts: Sequence[CellsPart]) -> list[CellsPart] | None:
-    """The cells of `parts` on which `core e;` of the program holds, too; None: it holds nowhere."""
+    """The cells of `parts` where the program's `core` hint holds, too; None if it never holds."""
     hints = factors_of_predicate(case, "core")
     if hints is None:
         return None
@@ -412,7 +412,7 @@ def parts_within_core_hint(case: Case, parts: Sequence[CellsPart]) -> list[Cells
 
 
 def proved_in_words(done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
-    """The text for a proved claim (P2a, `ttf` or `safer`), and the figures in it by name."""
+    """The text for a proved claim (P2a, `ttf` or `safer`), and the figures of the text by name."""
     every = [p.found for c in done for p in c.proofs]
     if claim == "P2a":
         cells, of = (sum(int(n) for n in x) for x in _cell_counts(every))
@@ -429,7 +429,7 @@ def proved_in_words(done: Sequence[Case], claim: str) -> tuple[str, dict[str, in
 
 
 def arrays_of_levels(every: Estimates) -> dict[str, NDArray[np.generic]]:
-    """The levels as arrays that can be stored: eight cells a byte, of shape (bytes,)."""
+    """The levels as arrays to be stored, with eight cells per byte, each of shape (bytes,)."""
     both = (every.outer, every.inner)
     packed: dict[str, NDArray[np.generic]] = {
         str(k): np.packbits(np.asarray(cells)) for k, cells in enumerate(both)
@@ -444,9 +444,9 @@ def arrays_of_levels(every: Estimates) -> dict[str, NDArray[np.generic]]:
 
 
 def levels_from_arrays(group: Group, arrays: Arrays) -> Estimates:
-    """The levels that `arrays_of_levels` made into arrays; sets have the grid's shape.
+    """Restores the levels from the arrays of `arrays_of_levels`, as sets of the grid's shape.
 
-    Raises `KeyError` or `ValueError` where the arrays are not of that kind.
+    Raises `KeyError` or `ValueError` if the arrays have another form.
     """
     shape = tuple(len(a.edges) - 1 for a in group.axes)
     outer, inner = (_unpacked_cells(np.asarray(arrays[k], np.uint8), shape) for k in ("0", "1"))
@@ -462,9 +462,9 @@ def levels_from_arrays(group: Group, arrays: Arrays) -> Estimates:
 def levels_in_certificate(
     certificate: Certificate, group: Group, entry: Mapping[str, Any]
 ) -> Estimates | None:
-    """The levels of a group in a certificate, without the commands that a shield permits.
+    """The levels of a group in a certificate, without a shield's commands; None without levels.
 
-    None: it has no levels. Raises `RejectedError` where a file has the wrong size.
+    Raises `RejectedError` if a file has the wrong size.
     """
     levels = entry.get("S", [])
     if not levels:
@@ -475,7 +475,7 @@ def levels_in_certificate(
 
 
 def _cell_counts(every: Sequence[GroupSets]) -> tuple[list[int], list[int]]:
-    """The numbers of cells of K, and the numbers of cells of the grids, one a group."""
+    """The number of cells of K, and the number of all cells, of each group."""
     return [int((g.core > 0).sum()) for g in every], [g.core.size for g in every]
 
 

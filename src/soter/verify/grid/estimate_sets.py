@@ -46,10 +46,10 @@ def find_permitted_commands(
     part: GroupSets,
     all_unseen: Callable[[Bools], Bools],
 ) -> None:
-    """Fills in `part.tops`; enters a failure of `ttf` where the group can have no shield.
+    """Computes a group's `part.tops`; enters a failure of `ttf` if the group can have no shield.
 
-    `all_unseen` is a function that removes from a set, of the grid's shape, the cells which are
-    not in it at every place on the axes that the DM does not see.
+    `all_unseen` removes from a set of the grid's shape every cell that is not in the set at all
+    places along the axes that the DM does not see.
     """
     problem = case.problem
     assert problem.module.shield is not None
@@ -86,7 +86,7 @@ def find_permitted_commands(
 
 
 def _why_no_shield(problem: Problem, engine: GridGroup) -> tuple[str, str] | None:
-    """Why a group can have no shield, in words, and advice; None where it can have one."""
+    """Why a group can have no shield, with advice, both in words; None if it can have one."""
     first_age = {t.symbol: t.max_age_ns for t in reversed(problem.system.topics)}
     ageless = {s.name for s in topics_seen_by_dm(problem).values() if first_age[s] is None}
     if ageless:
@@ -117,21 +117,21 @@ def engine_with_command_in(engine: GridGroup, control: int, low: float, high: fl
 
 
 def find_levels(case: Case, proof: object, engine: GridGroup, part: GroupSets) -> None:
-    """Fills in S_0 ... S_(m-2); enters failures of `ttf` and `safer` where these sets are empty."""
+    """Computes the sets S_0 ... S_(m-2); enters failures of `ttf` and `safer` if sets are empty."""
     problem = case.problem
     errors, shown = errors_by_state(problem), topics_seen_by_dm(problem)
     window = problem.whole_periods(problem.times.between_states)
     assert part.free is not None
     blind = tuple(k for k, a in enumerate(engine.axes) if a not in shown)
-    part.levels = [_cells_at_every_place(engine.erode(part.free, errors), blind)]
+    part.levels = [_cells_in_set_along_axes(engine.erode(part.free, errors), blind)]
     for _ in range(max(problem.levels, 2) - 2):
         inner = engine.erode(part.levels[-1], errors)
         following = engine.cells_safe_for(window, inner)
-        estimates = _cells_at_every_place(engine.erode(following, errors), blind)
+        estimates = _cells_in_set_along_axes(engine.erode(following, errors), blind)
         part.levels.append(estimates & part.levels[-1])
     if problem.module.shield is not None:
         find_permitted_commands(
-            case, proof, engine, part, lambda cells: _cells_at_every_place(cells, blind)
+            case, proof, engine, part, lambda cells: _cells_in_set_along_axes(cells, blind)
         )
     names = [problem.quantities.states[engine.axes[k]].name for k in blind]
     hint = problem.advice_where_empty
@@ -144,8 +144,8 @@ def find_levels(case: Case, proof: object, engine: GridGroup, part: GroupSets) -
             case.fail(claim, text, proof, hint).cells = part.free
 
 
-def _cells_at_every_place(cells: Bools, axes: tuple[int, ...]) -> Bools:
-    """The cells that are in the set at every place along these axes."""
+def _cells_in_set_along_axes(cells: Bools, axes: tuple[int, ...]) -> Bools:
+    """The cells that stay in the set wherever they are moved along these axes."""
     if not axes:
         return cells
     every: Bools = np.asarray(cells.all(axis=axes, keepdims=True), dtype=np.bool_)
@@ -155,7 +155,7 @@ def _cells_at_every_place(cells: Bools, axes: tuple[int, ...]) -> Bools:
 def enter_table(
     case: Case, proof: object, engine: GridGroup, part: GroupSets, table: GroupTable
 ) -> None:
-    """Fills in where AC may have control by the DM's table; enters a failure where it never may."""
+    """Computes where the DM's table lets AC have control; enters a failure if it never does."""
     errors = errors_by_state(case.problem)
     outer, inner = part.deployed = _levels_of_table(part, table)
     assert part.free is not None
@@ -170,7 +170,7 @@ def enter_table(
 
 
 def _levels_of_table(part: GroupSets, table: GroupTable) -> tuple[Bools, Bools]:
-    """The sets S_0 and S_(m-2) of a table, extended over all axes of its group."""
+    """The sets S_0 and S_(m-2) that a table holds, extended over all axes of the group."""
     shape = [len(a.edges) - 1 if a.state in table.states else 1 for a in part.group.axes]
     entries = np.broadcast_to(table.entries.reshape(shape), part.allowed.shape)
     return entries > 0, entries >= FULL

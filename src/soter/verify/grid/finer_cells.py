@@ -32,7 +32,7 @@ SIZES = (("half", 80_000), ("a quarter of", 20_000))
 
 @dataclass(frozen=True, eq=False)
 class FinerQ:
-    """The set Q on the cells of `engine`, smaller than the declared ones; `home`: its witnesses."""
+    """The set Q on smaller cells than declared; `home` has the witnesses of these cells."""
 
     engine: GridGroup
     group: Group
@@ -43,7 +43,7 @@ class FinerQ:
     home: NDArray[np.uint8]
 
     def declared_cells(self, cells: Bools) -> Bools:
-        """The declared cells, in their grid's shape, that contain any of the small cells."""
+        """The declared cells, in the shape of their grid, that contain any of `cells`."""
         found = np.zeros([int(at.max()) + 1 for at in self.origin], dtype=np.bool_)
         np.logical_or.at(found, self.origin, cells)
         return found
@@ -52,13 +52,13 @@ class FinerQ:
 def find_q_on_finer_cells(
     case: Case, engine: GridGroup, part: GroupSets
 ) -> tuple[FinerQ | None, str]:
-    """Q on the largest of the smaller cells that have one; else None, and the sizes tried."""
+    """Q on the largest smaller cells for which Q is not empty; else None and the sizes tried."""
     assert part.deployed is not None
     inner = part.deployed[1]
     group, tried = part.group, []
     for size, most in SIZES:
         group = _group_with_halved_intervals(group, part.group, inner)
-        fine = engine_on_cells_of(case, engine, group)
+        fine = engine_for_cells(case, engine, group)
         origin = index_of_declared_cells(part, group)
         target = target_on_small_cells(case, fine, part, origin)
         if not target.any():
@@ -72,8 +72,8 @@ def find_q_on_finer_cells(
     return None, " or ".join(tried)
 
 
-def engine_on_cells_of(case: Case, engine: GridGroup, group: Group) -> GridGroup:
-    """An engine for the same dynamics on the cells of `group`."""
+def engine_for_cells(case: Case, engine: GridGroup, group: Group) -> GridGroup:
+    """An engine with the same dynamics but with the cells of `group`."""
     return GridGroup.for_group(
         engine.library, case.problem, group, case.parameter, threads=engine.threads
     )
@@ -97,7 +97,7 @@ def index_of_declared_cells(part: GroupSets, group: Group) -> tuple[NDArray[np.i
 
 
 def _group_with_halved_intervals(group: Group, declared: Group, inner: Bools) -> Group:
-    """The group, its intervals cut in two that hold a cell of the set `inner` of declared cells."""
+    """Halves those intervals of a group's axes that contain a declared cell of the set `inner`."""
     axes = []
     for k, axis in enumerate(group.axes):
         near = np.asarray(inner.any(axis=tuple(i for i in range(inner.ndim) if i != k)))

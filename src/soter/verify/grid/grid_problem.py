@@ -56,7 +56,7 @@ class GridInputs:
 
     @property
     def steps(self) -> tuple[tuple[float, int, int], ...]:
-        """`SimulatedFlow.steps` of all states; empty where the simulator's steps are not known."""
+        """`SimulatedFlow.steps` of all states; empty if the simulator's steps are not known."""
         if self.schemes or not self.plant_period_ns:
             return self.schemes
         return ((self.plant_period_ns * NS, ORDER, 0),) * len(self.states)
@@ -85,7 +85,7 @@ def grid_inputs_of(problem: Problem, parameters: Sequence[int] = ()) -> GridInpu
         period_ns=times.delta_sc,
         delay_ns=0 if is_map else times.delay_sc,
         jitter_ns=0 if is_map else times.jitter_sc,
-        read_age_ns=0 if is_map or times.schedule.are_windows_apart else times.schedule.read_age,
+        read_age_ns=0 if is_map or times.schedule.are_windows_short else times.schedule.read_age,
         parameters=tuple(parameters),
         schemes=problem.schemes,
         names=tuple(s.name for s in problem.quantities.states),

@@ -65,7 +65,7 @@ def regions_of(
 
 
 def _grown_box(cells: Bools) -> list[tuple[int, int]]:
-    """A box around the first cell of a set, grown while the layer next to it has another one."""
+    """A box around the first cell of a set; it grows while a neighbouring layer has a cell."""
     first = np.unravel_index(int(np.argmax(cells)), cells.shape)
     box = [(int(i), int(i) + 1) for i in first]
     grows = True
@@ -98,9 +98,9 @@ def _region_of_box(
 
 
 def cells_around_interval(edges: NDArray[np.float64], low: float, high: float) -> slice | None:
-    """The consecutive cells that together hold [low, high]; None where it leaves the grid.
+    """The consecutive cells that cover [low, high]; None if the interval leaves the grid.
 
-    `edges`: breakpoints of an axis, (cells + 1,), rising.
+    `edges` has the increasing breakpoints of an axis, of shape (cells + 1,).
     """
     if low < edges[0] or high > edges[-1]:
         return None
@@ -112,9 +112,9 @@ def cells_around_interval(edges: NDArray[np.float64], low: float, high: float) -
 def cells_around_box(
     spans: Sequence[NDArray[np.float64]], turns: Sequence[bool], box: Sequence[Interval]
 ) -> list[list[int] | None]:
-    """The cells of each axis that hold its interval of `box`; None where it leaves the grid.
+    """For each axis the cells that cover this side of `box`; None if the side leaves the grid.
 
-    `spans`: edges of each axis, (cells + 1,); `turns`: whether an axis wraps around.
+    `spans` has the edges (cells + 1,) of each axis; `turns` says whether an axis wraps around.
     """
     cells: list[list[int] | None] = []
     for edges, wraps, i in zip(spans, turns, box, strict=True):
@@ -125,7 +125,7 @@ def cells_around_box(
 
 
 def _cells_around_wrapping(edges: NDArray[np.float64], low: float, high: float) -> list[int] | None:
-    """The cells that hold [low, high] on an axis whose ends meet; None: it is too far out."""
+    """The cells that cover [low, high] on an axis whose ends meet; None if it is a turn outside."""
     if not edges[0] - TURN < low <= high < edges[-1] + TURN:
         return None
     turned = [(low, high)]
@@ -149,7 +149,7 @@ AROUND = 2
 
 
 def refined_groups(case: Case) -> tuple[Group, ...] | None:
-    """The groups with cells split near failing ones; None: no help, or too many cells."""
+    """The groups with cells split near failing cells; None if useless or with too many cells."""
     wrong = _failing_cells(case)
     if not wrong:
         return None
@@ -164,7 +164,7 @@ def refined_groups(case: Case) -> tuple[Group, ...] | None:
 
 
 def _failing_cells(case: Case) -> dict[int, Bools] | None:
-    """The cells where claims fail, by the `id` of the proof; None: too many, or not all known."""
+    """The cells where claims fail, by the proof's `id`; None if too many, or some are unknown."""
     wrong: dict[int, Bools] = {}
     for failure in case.failures:
         if failure.cut:
@@ -180,7 +180,7 @@ def _failing_cells(case: Case) -> dict[int, Bools] | None:
 
 
 def _group_with_split_intervals(group: Group, cells: Bools) -> Group | None:
-    """The group with every interval near a failing cell cut in two; None: too many cells."""
+    """The group with all intervals near failing cells cut in two; None if cells become too many."""
     axes = []
     for k, axis in enumerate(group.axes):
         others = tuple(i for i in range(cells.ndim) if i != k)
@@ -208,12 +208,12 @@ def axis_with_halved_cells(axis: Axis, near: Bools) -> Axis:
 
 
 def cell_count(problem: Problem) -> int:
-    """The number of cells of the grids of all groups together."""
+    """The total number of grid cells of all groups."""
     return sum(prod(len(a.edges) - 1 for a in g.axes) for g in problem.groups)
 
 
 def finer_problem(problem: Problem, coarse: Collection[Group]) -> Problem:
-    """The problem with the cells of the groups `coarse` halved along each axis but at open ends."""
+    """The problem with all cells of the groups `coarse` halved on each axis, except open ends."""
     groups = tuple(_group_with_all_cells_halved(g) if g in coarse else g for g in problem.groups)
     return replace(
         problem, groups=groups, declared_groups=problem.declared_groups or problem.groups
@@ -230,7 +230,7 @@ def _group_with_all_cells_halved(group: Group) -> Group:
 
 
 def cell_counts_in_words(before: Group, after: Group) -> str:
-    """The numbers of cells along each axis before and after, in words; "" where none differs."""
+    """The numbers of cells along each axis before and after, in words; "" if none differs."""
     pairs = zip(before.axes, after.axes, strict=True)
     counts = [(a.name, len(a.edges) - 1, len(b.edges) - 1) for a, b in pairs]
     finer = ", ".join(f"{n} {a:,} -> {b:,}" for n, a, b in counts if a != b)
@@ -238,8 +238,8 @@ def cell_counts_in_words(before: Group, after: Group) -> str:
     return f"{finer} ({was:,} -> {is_:,} cells)" if finer else ""
 
 
-def refinement_note(done: Sequence[Case]) -> tuple[str, ...]:
-    """Notes about grids that are finer than the program declares, or that it does not declare."""
+def refinement_notes(done: Sequence[Case]) -> tuple[str, ...]:
+    """Notes about grids that are finer than declared in the program, or not declared there."""
     worst: dict[tuple[str, ...], tuple[int, str]] = {}
     for case in done:
         if case.first is None:
@@ -279,7 +279,7 @@ def _notes_on_finer_cells(done: Sequence[Case]) -> dict[str, None]:
 
 
 def coarser_problem(problem: Problem, most: int) -> Problem:
-    """The problem with cells merged along every axis, so that each group has at most `most`."""
+    """The problem with cells merged along every axis, until each group has at most `most` cells."""
     groups = tuple(_merged_group(g, most) for g in problem.groups)
     return replace(problem, groups=groups, declared_groups=())
 
@@ -314,7 +314,7 @@ TO_S = 10
 
 
 def announce_work(problem: Problem, settle: Settle) -> None:
-    """Shows an estimate of the time for a problem's sets; `settle` computes those of one case."""
+    """Shows the estimated time of a problem's proof; `settle` computes the sets of one case."""
     if cell_count(problem) >= FROM_CELLS:
         with passing_phase(f"{problem.name}: how long it will take"):
             announce(lambda: _estimate_in_words(problem, _estimated_seconds(problem, settle)))
@@ -344,7 +344,7 @@ def _estimated_seconds(problem: Problem, settle: Settle) -> float:
 
 
 def _estimate_in_words(problem: Problem, seconds: float) -> str:
-    """The line that tells the estimated time; "" where the time is too short to be told."""
+    """The line that shows the estimated time; "" if the time is too short to be shown."""
     if seconds < FROM_S:
         return ""
     shapes = [" x ".join(str(len(a.edges) - 1) for a in g.axes) for g in problem.groups]

@@ -63,7 +63,7 @@ LOOK_AHEAD = 4.0
 
 
 class UnboundedError(Exception):
-    """The dynamics, or a tube, have no finite enclosure; `hint` is advice."""
+    """Raised if the dynamics or a tube have no finite enclosure; `hint` is advice."""
 
     def __init__(self, why: str, hint: str = "a smaller grid") -> None:
         super().__init__(why)
@@ -71,7 +71,7 @@ class UnboundedError(Exception):
 
 
 def _search_starts(edges: Floats) -> Ints:
-    """For each of many equal parts of an axis a cell near it, from which a search starts."""
+    """For many equal parts of an axis, the cell at which the search for a point begins."""
     n = len(edges) - 1
     width = np.diff(edges)
     even = bool(np.allclose(width, width[0], rtol=1e-6))
@@ -81,7 +81,7 @@ def _search_starts(edges: Floats) -> Ints:
 
 
 def _overlapped_cells_on_turn(edges: Floats, off: float) -> tuple[Ints, Ints]:
-    """First and last overlapped cells on an axis whose ends meet; the last may be beyond n - 1."""
+    """First and last overlapped cell of each cell on a wrapping axis; the last may pass n - 1."""
     n, low, high = len(edges) - 1, edges[:-1], edges[1:]
     turns = np.concatenate([low - TURN, low, low + TURN])
     low, high = np.nextafter(low - off, -np.inf), np.nextafter(high + off, np.inf)
@@ -92,7 +92,7 @@ def _overlapped_cells_on_turn(edges: Floats, off: float) -> tuple[Ints, Ints]:
 
 
 class GridModel:
-    """A group of states, described for the C engine: its grid and its dynamics."""
+    """Describes a group of states for the C engine, with the grid and the dynamics."""
 
     def __init__(
         self,
@@ -108,12 +108,12 @@ class GridModel:
     ) -> None:
         """Describes the group with these `axes`, one to four pairs (index of the state, edges).
 
-        `linear`: whether one linear model encloses a flow over the whole domain; None: if it is
-        linear but for remainders below a thousandth of its rates. States of flows by their axis:
-        `open_ends`, no run is assumed to pass the last breakpoint; `unbounded`, the outer cells
-        have no outer end, and no rate, law or other group reads the state; `wraps`, the axis is a
-        full turn, and everything reads the state modulo a turn.
-        `UnboundedError` where the dynamics have no finite enclosure over the domain.
+        `linear` says whether one linear model encloses a flow over the whole domain; None tests
+        that its remainders are below a thousandth of its rates. Three arguments name states of
+        flows: of `open_ends`, no run is assumed to pass the last breakpoint; `unbounded` have no
+        outer end, and no rate, law or other group reads them; the axis of `wraps` is a full turn,
+        and everything reads the state modulo a turn. Raises `UnboundedError` if the dynamics have
+        no finite enclosure.
         """
         self.library, self.inputs, self.threads = library, inputs, threads
         self.open_ends, self.unbounded = frozenset(open_ends), frozenset(unbounded)
@@ -143,7 +143,7 @@ class GridModel:
         self._narrow_law()
 
     def _lengthened_edges(self, state: int, edges: Floats) -> Floats:
-        """The breakpoints, with the outer cells of a wrapping axis lengthened so that they meet."""
+        """The breakpoints; on a wrapping axis the outer cells are lengthened until they meet."""
         if state in self.wraps and edges[-1] - edges[0] < TURN + SEAM:
             edges[[0, -1]] += -SEAM, SEAM
         return edges
@@ -196,7 +196,7 @@ class GridModel:
 
     @property
     def spans(self) -> list[Floats]:
-        """The breakpoints of each axis, (cells + 1,); ±`FARTHEST` where the axis has no ends."""
+        """The breakpoints (cells + 1,) of each axis; an unbounded axis has the ends ±`FARTHEST`."""
         spans = [e.copy() for e in self.edges]
         for state, edges in zip(self.axes, spans, strict=True):
             if state in self.unbounded:
@@ -205,11 +205,11 @@ class GridModel:
 
     @property
     def turns(self) -> list[bool]:
-        """For each axis whether it is a full turn, so that its ends meet."""
+        """For each axis whether it is a full turn, with ends that meet."""
         return [state in self.wraps for state in self.axes]
 
     def pointer(self, array: npt.NDArray[Any], ctype: str) -> Any:  # noqa: ANN401 - cdata
-        """The address of the data of an array of any shape; the caller keeps the array alive."""
+        """The address of an array's data, of any shape; the caller must keep the array alive."""
         return self.library.ffi.cast(ctype, array.ctypes.data)
 
     def _enclose_dynamics(self, ends: Sequence[Any]) -> None:
@@ -261,13 +261,13 @@ class GridModel:
 
     @property
     def is_linear(self) -> bool:
-        """Whether the group is a flow that one linear model encloses over the whole domain."""
+        """Whether the group is a flow and one linear model encloses it over the whole domain."""
         return not self.c.is_map and not self.c.is_local
 
     def linear_model(self) -> dict[str, Floats]:
         """The parts A (n, n), B (n, commands), c (n,), w (n,) of x' in A x + B u + c + [-w, w].
 
-        `commands` has the numbers of the commands u.
+        The part `commands` has the numbers of the commands u.
         """
         g, n = self.c, len(self.axes)
         m = g.model
@@ -284,8 +284,8 @@ class GridModel:
     def _narrow_law(self) -> None:
         """Lets the engine compute only one output of SC if no other control moves the group.
 
-        The engine then does not see a fault elsewhere in SC, so all of SC must be free of faults
-        over the whole domain, in which all states lie that SC reads.
+        The engine then sees no fault elsewhere in SC, so the method first checks that all of SC is
+        free of faults over the whole domain.
         """
         g = self.c
         if g.commands != 1 or g.controls == 1 or g.law == self.library.ffi.NULL:
@@ -306,7 +306,7 @@ class GridModel:
         return forms, np.zeros((results, FORM + count))
 
     def rates_within(self, low: Floats, high: Floats) -> Floats | None:
-        """Bounds (states, 2) of all rates over ranges of all inputs; None: no bound, or a fault."""
+        """Bounds (states, 2) of all rates over ranges of all inputs; None if a rate has none."""
         found = self._rate_forms(low, high)
         if found is None or not np.isfinite(found[0][:, :2]).all():
             return None
@@ -318,7 +318,7 @@ class GridModel:
         return found is None or bool(found[0][state, FORM : FORM + len(self.inputs.states)].any())
 
     def _growth_of_remainder(self) -> float:
-        """The growth of the remainder w from a small box to the domain, relative to the rates."""
+        """How much w grows from a small box to the domain, relative to the rates."""
         g, lib, n = self.c, self.library.lib, len(self.inputs.states)
         model_over_domain, moving = self.linear_model(), np.zeros(len(self.low), dtype=bool)
         moving[list(self.axes)] = True
@@ -340,7 +340,7 @@ class GridModel:
         return float(np.max(np.where(rates > 0, grown / np.where(rates > 0, rates, 1), 0)))
 
     def _scheme_solution(self) -> SchemeSolution:
-        """Whether the simulator's steps solve the model, and what must be added to it for that."""
+        """The error to add to the model until it includes the simulator's steps, if it is known."""
         x = self.inputs
         if x.kind != "flow" or not self.is_linear or not x.steps:
             return SchemeSolution()
@@ -349,7 +349,7 @@ class GridModel:
         return scheme_solution(stepped, self.low, self.high, self.axes)
 
     def _rate_forms(self, low: Floats, high: Floats) -> tuple[Floats, Floats] | None:
-        """Forms of all rates, (states, 4 + inputs), and the radius of each input; None: a fault."""
+        """Forms (states, 4 + inputs) of the rates, and each input's radius; None after a fault."""
         ffi, n = self.library.ffi, len(self.inputs.states)
         forms, out = self._forms_of_inputs(low, high)
         radius = forms[range(len(low)), range(FORM, FORM + len(low))]
@@ -370,7 +370,7 @@ class GridModel:
         return bits
 
     def cells_of(self, bits: npt.NDArray[np.uint64]) -> Bools:
-        """The set, of the grid's shape, that the engine's bits, of shape (rows * words,), hold."""
+        """The set, of the grid's shape, for the engine's bits, which have shape (rows * words,)."""
         out = np.empty(self.shape, dtype=np.uint8)
         self.library.lib.soter_reach_unpack(
             self.c, self.pointer(bits, "uint64_t *"), self.pointer(out, "uint8_t *")
@@ -379,11 +379,11 @@ class GridModel:
 
     @property
     def tiles(self) -> int:
-        """The number of tiles, small blocks of cells, of the grid."""
+        """The number of the grid's tiles, which are small blocks of cells."""
         return int(np.prod([self.c.tiles[a] for a in range(len(self.axes))]))
 
     def overlapped_cells(self, errors: Mapping[int, float]) -> list[tuple[Any, Any]]:
-        """Per axis, for each cell, the first and last cell within its error; -1 or n: outside."""
+        """The first and last cell within the error of each cell, per axis; -1 or n is outside."""
         cell_ranges = []
         for state, edges in zip(self.axes, self.edges, strict=True):
             e, n = errors.get(state, 0.0), len(edges) - 1
@@ -402,7 +402,7 @@ class GridModel:
         return cell_ranges
 
     def allocate_rounds(self, r: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401 - cdata
-        """The buffers of a fixpoint, (length,), by name; they must outlive `r`."""
+        """Allocates the buffers (length,) of a fixpoint, by name; they must outlive `r`."""
         n, tiles = len(self.axes), self.tiles
         sums = int(np.prod([self.c.tiles[a] + 1 for a in range(n)]))
         rows = int(np.prod(self.shape[:-1], dtype=np.int64))
@@ -435,11 +435,11 @@ class KeptEnds:
 
 
 def kept_ends_of(model: GridModel) -> KeptEnds | None:
-    """The ends of the axes that no run passes; None where a rate has no bounds.
+    """The axis ends that no run passes, with the domain; None if a rate has no bounds.
 
-    The simulator's scheme must keep the end, too, as the scheme of a linear flow is part of the
-    proof. A rate that depends on no state is the same in all stages of a step, so the scheme moves
-    as the rate says, rounding included.
+    The simulator's scheme must keep an end, too, because the scheme of a linear flow is part of the
+    proof. A rate that depends on no state is the same in all stages of a step; the scheme then
+    moves as the rate says, rounding included.
     """
     g = model.c
     domain_rates = model.rates_within(model.low, model.high)
@@ -464,7 +464,7 @@ def kept_ends_of(model: GridModel) -> KeptEnds | None:
 def _enter_end_if_kept(
     model: GridModel, found: KeptEnds, i: int, back: float, *, upper: bool
 ) -> None:
-    """Enters one end of one axis in `found`, if the flow keeps it."""
+    """Enters one end of axis `i` in `found` if the flow keeps runs inside this end."""
     state, edges = model.axes[i], model.edges[i]
     low, high = found.low.copy(), found.high.copy()
     if upper:

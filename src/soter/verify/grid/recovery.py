@@ -17,7 +17,7 @@ import numpy as np
 from soter.diagnostics.current_phase import share_done
 from soter.verify.grid import sets as grids
 from soter.verify.grid.finer_cells import (
-    engine_on_cells_of,
+    engine_for_cells,
     find_q_on_finer_cells,
     index_of_declared_cells,
     target_on_small_cells,
@@ -60,7 +60,7 @@ WAY_MAX = 80_000
 
 @dataclass(frozen=True)
 class RecoveryRanks:
-    """W by cell: `rank` (0: not in W, 1: in Q), `holds`: N of its chain, `time_ns` to Q at most."""
+    """The way from each cell of W to Q: `rank` (0 outside W), `holds` (N of a chain), `time_ns`."""
 
     rank: npt.NDArray[np.uint16]
     holds: Bytes
@@ -88,15 +88,15 @@ def recovery_ranks(
     holds: Sequence[int] = HOLDS,
     before: RecoveryRanks | None = None,
 ) -> RecoveryRanks:
-    """The ranks of W: cells of `core` from which the law reaches `goal` (Q) on every run.
+    """The ranks of W, the cells of `core` from which the law reaches `goal` (Q) on every run.
 
-    W_0 = Q; W_(k+1) is W_k and those c in `core` where, for some N of `holds`, the tube lies in
-    `constraint`, and the image over [N delta - j, N delta + j] in W_k and in `core`. P2b needs W to
-    cover K. `before`: a W that is extended by the cells it lacks. The sets have the grid's shape.
+    W_0 = Q. W_(k+1) has W_k and each cell of `core` for which, with some N of `holds`, the tube is
+    in `constraint` and the image over [N delta - j, N delta + j] in W_k and in `core`. P2b requires
+    that W covers K. `before` is a W to extend by more cells. Sets have the grid's shape.
     """
     ffi, lib = group.library.ffi, group.library.lib
     steps = np.array(sorted({h for h in holds if h <= grids.LONGEST}), dtype=np.int32)
-    initial_way = before or _ranks_without_chain(goal & core)
+    initial_way = before or _initial_ranks(goal & core)
     rank, taken, time_ns = (
         initial_way.rank.copy(),
         initial_way.holds.copy(),
@@ -125,14 +125,14 @@ def recovery_ranks(
     return RecoveryRanks(rank, taken, time_ns, sum(w.r.steps))
 
 
-def _ranks_without_chain(goal: Bools) -> RecoveryRanks:
+def _initial_ranks(goal: Bools) -> RecoveryRanks:
     """The ranks of W before the first chain, when W has only the cells of Q."""
     none = np.zeros(goal.shape, np.int64)
     return RecoveryRanks(goal.astype(np.uint16), none.astype(np.uint8), none, 0)
 
 
 def cells_in_way(part: GroupSets) -> Bools:
-    """The declared cells, in their grid's shape, all of whose small cells lie in W."""
+    """The declared cells, in their grid's shape, of which all small cells lie in W."""
     assert part.rank is not None
     if part.finer is None:
         return part.rank > 0
@@ -144,7 +144,7 @@ def cells_in_way(part: GroupSets) -> Bools:
 def enter_recovery(
     case: Case, proof: object, engine: GridGroup, part: GroupSets, target: Bools
 ) -> None:
-    """Computes Q, W, the time to Q for a `target` of the grid's shape; enters failures of P2b."""
+    """Computes Q, W and the time to Q for `target`, in the grid's shape; enters failures of P2b."""
     case.failures = [f for f in case.failures if (f.proof, f.claim) != (proof, "P2b")]
     part.target = target
     inside = target & part.allowed
@@ -178,7 +178,7 @@ def enter_recovery(
 
 
 def _enter_finer_q(case: Case, proof: object, part: GroupSets, found: FinerQ) -> None:
-    """Fills in Q, found on small cells, and W on the same cells; leaves K as it is."""
+    """Enters Q, found on small cells, and W on the same cells; it leaves K unchanged."""
     core = (part.core > 0)[found.origin]
     part.home, part.finer = found.home, (found.size, found.group)
     home = found.home > 0
@@ -196,17 +196,17 @@ def _enter_finer_q(case: Case, proof: object, part: GroupSets, found: FinerQ) ->
 
 
 def _mend_recovery(case: Case, engine: GridGroup, part: GroupSets, inside: Bools) -> bool:
-    """Adapts an earlier Q and W after K has lost cells; returns whether that was possible.
+    """Adapts an earlier Q and W after K has lost cells; returns whether this was possible.
 
     The new Q has the cells of the old Q that SC keeps inside the target. The old W leads to the old
-    Q, and short chains lead from there to the new Q.
+    Q, and short chains lead from the old Q to the new Q.
     """
     if part.home is None or part.rank is None or part.rank_holds is None or not part.home.any():
         return False
     allowed, covered, before = part.allowed, part.core > 0, part.home > 0
     if part.finer is not None:
         origin = index_of_declared_cells(part, part.finer[1])
-        engine = engine_on_cells_of(case, engine, part.finer[1])
+        engine = engine_for_cells(case, engine, part.finer[1])
         inside = target_on_small_cells(case, engine, part, origin)
         allowed, covered = allowed[origin], covered[origin]
     if (covered & (part.rank == 0)).any():
@@ -231,7 +231,7 @@ def _enter_ranks(part: GroupSets, return_way: RecoveryRanks) -> None:
 
 
 def _enter_failure_of_stuck_cells(case: Case, proof: object, stuck: Bools) -> None:
-    """Enters a failure of P2b if there are `stuck` cells, from which no way back was found."""
+    """Enters a failure of P2b if `stuck` has cells, those without a way back."""
     if stuck.any():
         text = f"from {int(stuck.sum()):,} cells of K no way back to `safer` was found"
         hint = "an SC that returns to where `safer` holds"
@@ -242,7 +242,7 @@ def _enter_failure_of_stuck_cells(case: Case, proof: object, stuck: Bools) -> No
 def _ranks_by_lengths(
     engine: GridGroup, core: Bools, allowed: Bools, home: Bools, lengths_tried: Lengths
 ) -> RecoveryRanks:
-    """The ranks of W by lists of chain lengths, then, if few cells are left, by every length."""
+    """The ranks of W by each list of chain lengths, then by all lengths if few cells are left."""
     few = min(STRAGGLERS_MAX, int(core.sum()) // 20)
     return_way: RecoveryRanks | None = None
     for lengths in lengths_tried:

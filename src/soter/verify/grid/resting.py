@@ -48,21 +48,21 @@ SIDES = ((True, True), (True, False), (False, True), (False, False))
 
 @dataclass(frozen=True)
 class _Potential:
-    """A bound of a way's change: `below` (or `above`) times a state's distance below (above) 0."""
+    """Bounds a way's change by `below` or `above` times the state's distance on that side of 0."""
 
     axis: int
     below: Fraction
     above: Fraction
 
     def farthest_change(self, low: float, high: float) -> Fraction:
-        """The largest change of the way from any state in [low, high] on."""
+        """The largest change of the way that starts at any state in [low, high]."""
         return max(self.below * Fraction(max(0.0, -low)), self.above * Fraction(max(0.0, high)))
 
 
 def cells_at_rest(case: Case, engine: GridGroup, allowed: Bools) -> Bools:
-    """The cells of `allowed`, in the grid's shape, from which potentials show that SC stays in C.
+    """The cells of `allowed`, in the grid's shape, where potentials show that SC stays in C.
 
-    They count only for a module that may stay under SC: SC may never lead back from them.
+    They count only for a module that may stay under SC, because SC may never leave them.
     """
     assert case.problem.stays
     none = np.zeros(engine.shape, dtype=np.bool_)
@@ -78,7 +78,7 @@ def cells_at_rest(case: Case, engine: GridGroup, allowed: Bools) -> Bools:
 
 
 def _is_rest_covered(problem: Problem, engine: GridGroup) -> bool:
-    """Whether the argument of `cells_at_rest` covers this problem."""
+    """Whether the reasoning of `cells_at_rest` is valid for this problem."""
     symbol = problem.module.symbol
     alone = not (problem.view or problem.modes)
     return (
@@ -101,7 +101,7 @@ def _unread_axes(engine: GridGroup) -> list[int]:
 
 
 class _RestSearch:
-    """A search for boxes B, and for potentials in them, for one group."""
+    """Searches for boxes B, and for potentials in these boxes, for one group."""
 
     def __init__(self, case: Case, engine: GridGroup, ways: Sequence[int]) -> None:
         self.case, self.engine, self.ways = case, engine, ways
@@ -118,7 +118,7 @@ class _RestSearch:
         self.enclosures = self._rate_enclosures() if self.law is not None else None
 
     def cells_kept_with_box(self, allowed: Bools, below: bool, above: bool) -> Bools:
-        """The cells kept with one B; `below`, `above`: whether B reaches the grid's ends there."""
+        """The cells kept with one box B; `below`, `above` say if B reaches the grid's ends."""
         none = np.zeros_like(allowed)
         box = [self._side_of_box(axis, below, above) for axis in self.moving]
         within = [b for b in box if b is not None]
@@ -131,7 +131,7 @@ class _RestSearch:
         return self._cells_that_stay_in_c(allowed, within, far)
 
     def _side_of_box(self, axis: int, below: bool, above: bool) -> Interval | None:
-        """The side of B along an axis; None where 0 is not inside the grid."""
+        """The side of B along an axis; None if 0 is not inside the grid."""
         edges = self.engine.edges[axis]
         if not edges[0] < 0.0 < edges[-1]:
             return None
@@ -140,7 +140,7 @@ class _RestSearch:
         return Interval(float(low), float(high))
 
     def _enlarged_box(self, box: Sequence[Interval]) -> list[Interval]:
-        """A box a little larger than B, in which a run that leaves B still stays for a while."""
+        """A box a little larger than B; a run that leaves B stays in this box for a while."""
         ends = []
         for axis, r in zip(self.moving, box, strict=True):
             state = self.engine.axes[axis]
@@ -162,7 +162,7 @@ class _RestSearch:
         return self.case.forms.result_bounds("derivative", inputs, n) is not None
 
     def _rate_enclosures(self) -> Enclosures:
-        """The enclosures of all rates for any command of SC, a list for each choice of signs."""
+        """Enclosures of all rates under any command of SC; each choice of signs has a list."""
         assert self.law is not None
         make, winds = self.make, self.case.problem.disturbances
         self.ranges |= {("u", k): Interval(float(a), float(b)) for k, (a, b) in enumerate(self.law)}
@@ -183,7 +183,7 @@ class _RestSearch:
     def _rate_ranges_in_box(self, box: Sequence[Interval]) -> Rates:
         """The ranges of the rates in B, and a little beyond, by the signs of the states.
 
-        At 0 the rates on both sides count, too: a run that crosses 0 often has any of them.
+        At 0 the rates of both sides count, because a run that often crosses 0 may have any of them.
         """
         found = {}
         assert self.enclosures is not None
@@ -201,7 +201,7 @@ class _RestSearch:
         return found
 
     def _do_all_states_approach_zero(self, rates: Rates) -> bool:
-        """Whether no state moves away from 0 in B."""
+        """Whether in B every state stays or moves toward 0."""
         for signs, rates_by_state in rates.items():
             for axis, sign in zip(self.moving, signs, strict=True):
                 rate = rates_by_state[self.engine.axes[axis]]
@@ -210,7 +210,7 @@ class _RestSearch:
         return True
 
     def _potentials_of_way(self, rates: Rates, way: int, sign: int) -> list[_Potential]:
-        """The potentials found that bound how far a way changes down (`sign` -1) or up (1)."""
+        """Potentials that bound how far a way changes, down for `sign` -1 and up for 1."""
         state = self.engine.axes[way]
         grows = {signs: _range_times_sign(r[state], sign).high for signs, r in rates.items()}
         found = []
@@ -253,13 +253,13 @@ class _RestSearch:
         return cells & allowed
 
     def _reach_from_cell(self, potential: _Potential, place: Mapping[int, int]) -> float:
-        """The largest change of a way from a cell on, rounded up."""
+        """The largest change of a way that starts in a cell, rounded up."""
         edges, k = self.engine.edges[potential.axis], place[potential.axis]
         most = potential.farthest_change(float(edges[k]), float(edges[k + 1]))
         return float(np.nextafter(float(most), inf)) if most else 0.0
 
     def _is_safe_beyond(self, box: Sequence[Interval], way: int, sign: int) -> bool:
-        """Whether all states beyond one end of a way lie in C, whatever the other ways are."""
+        """Whether all states beyond one end of a way lie in C, for any values of the other ways."""
         inputs, edges = self.whole.copy(), self.engine.edges
         if self.engine.axes[way] in self.engine.unbounded:
             return True  # the outer cells hold all that lies beyond
@@ -274,7 +274,7 @@ class _RestSearch:
 
 
 def _sign_replacements(make: Expressions, x: Node, sign: int) -> dict[Node, Node]:
-    """What replaces comparisons of x with 0 where x has this sign; for sign 0, x itself."""
+    """The replacements for comparisons of x with 0, for x of this sign; for sign 0, of x by 0."""
     if not sign:
         return {x: make.constant(0.0)}
     zero, held = make.constant(0.0), {True: make.true, False: make.false}
@@ -287,7 +287,7 @@ def _range_times_sign(r: Interval, sign: int) -> Interval:
 
 
 def _cells_up_to_zero(edges: NDArray[np.float64], k: int | None) -> tuple[int, int]:
-    """The range (first, last + 1) of cells from cell k to 0; all cells where k is None."""
+    """The range (first, last + 1) of the cells from cell k to 0; all cells if k is None."""
     if k is None:
         return 0, len(edges) - 1
     first = int(np.searchsorted(edges, 0.0, side="right")) - 1
@@ -298,7 +298,7 @@ def _cells_up_to_zero(edges: NDArray[np.float64], k: int | None) -> tuple[int, i
 def _cells_fine_all_around(
     fine: Bools, axis: int, edges: NDArray[np.float64], far: Sequence[float], beyond: Sequence[bool]
 ) -> Bools:
-    """The cells of `fine` for which all cells within distance `far` along an axis are in `fine`."""
+    """The cells whose neighbours within distance `far` along an axis all lie in `fine`."""
     low = edges[:-1] if not far[0] else np.nextafter(edges[:-1] - far[0], -inf)
     high = edges[1:] if not far[1] else np.nextafter(edges[1:] + far[1], inf)
     first = np.searchsorted(edges, low, side="right") - 1

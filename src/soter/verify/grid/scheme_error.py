@@ -46,10 +46,10 @@ STIFF_HINT = "shorter steps of the plant, rate x step below 1: `substeps`, or a 
 
 
 def scheme_weight(a: Floats, h: float, order: int = ORDER) -> Floats:
-    """The matrix (n, n) that multiplies |f| in the bound in the head of this file; `order` = p.
+    """The matrix (n, n) that multiplies |f| in the bound in the head of this file; `order` is p.
 
-    It is inf where the spectral radius of h |A| is near 1 or more: then there is no bound.
-    Tails are bounded with d > 0 and z d <= size d: then z^k <= size^k d (1 / d)^T, entry by entry.
+    It is inf if the spectral radius of h |A| is near 1 or more, as no bound is then known. Tails
+    are bounded with d > 0 and z d <= size d: then z^k <= size^k d (1 / d)^T, entry by entry.
     """
     z = np.abs(a) * h * UP
     scaled = _weights_of_rows(z)
@@ -71,9 +71,9 @@ def scheme_weight(a: Floats, h: float, order: int = ORDER) -> Floats:
 
 
 def _weights_of_rows(z: Floats) -> tuple[Floats, float] | None:
-    """Weights d > 0 (n,) and a size < 1 with z d <= size d, for z >= 0 (n, n); None: none found.
+    """Weights d > 0 (n,) and a size < 1 with z d <= size d, for z >= 0 (n, n); None if not found.
 
-    Rows differ in their units, hence the weights: d solves (1 - z / s) d = 1 for one of `SIZES`.
+    The rows have different units and need weights: d solves (1 - z / s) d = 1 for an s of `SIZES`.
     """
     for s in SIZES:
         try:
@@ -96,9 +96,9 @@ def largest_rates(model: dict[str, Floats], states: Floats, commands: Floats) ->
 def scheme_error(
     model: dict[str, Floats], states: Floats, commands: Floats, h: float, order: int = ORDER
 ) -> Floats:
-    """A bound w (n,) of the error of one step of `h` seconds, rounding included, added to x'.
+    """A bound w (n,) on the error of one step of `h` seconds, with rounding, as an addition to x'.
 
-    `states`, `commands`: largest |x| and |u|, shapes (n,), (m,); `model`: of all states.
+    `states` (n,) and `commands` (m,) are the largest |x| and |u|; `model` covers all states.
     """
     f = largest_rates(model, states, commands)
     weight = scheme_weight(model["A"], h, order)
@@ -110,10 +110,10 @@ def scheme_error(
 
 @dataclass(frozen=True)
 class SchemeSolution:
-    """Whether the steps of the simulator are solutions of a group's model.
+    """The result of testing whether the simulator's steps are solutions of a group's model.
 
-    `error`: they are if this much (n,) is added to the rates of its states; None: that is not
-    shown. `stiff`: why not, in words, where the flow is linear and only the step is too long.
+    They are if `error` (n,) is added to the rates of its states; None means that nothing is shown.
+    `stiff` says in words why not, if the flow is linear and only the step is too long.
     """
 
     error: Floats | None = None
@@ -124,9 +124,9 @@ class SchemeSolution:
 class SimulatedFlow:
     """The rates of a problem and the steps in which the simulator integrates them.
 
-    `rates(low, high)`: forms of all rates over ranges of all inputs, (states, 4 + inputs), and the
-    radius of each input; None where a step fault is possible. `steps`: for each state the step in
-    s, the order of its scheme and the number of its plant; a step of 0: commands do not fit it.
+    `rates(low, high)` gives forms (states, 4 + inputs) of all rates over ranges of all inputs, and
+    each input's radius; None if a fault is possible. `steps` has for each state the step in s (0 if
+    commands do not fit it), the order of the scheme and the number of the plant.
     """
 
     rates: Callable[[Floats, Floats], tuple[Floats, Floats] | None]
@@ -138,10 +138,10 @@ class SimulatedFlow:
 def scheme_solution(
     flow: SimulatedFlow, low: Floats, high: Floats, group_states: Sequence[int]
 ) -> SchemeSolution:
-    """Whether the simulator's steps solve the model of a group's states, and with what error.
+    """Tests whether the simulator's steps solve the model of a group's states, with what error.
 
-    Inputs lie in [low, high], (inputs,). The states that move the group's are integrated with them,
-    so their rates count. Stages may leave the ranges; the flow has to be linear there, too.
+    Inputs lie in [low, high], (inputs,). States that move the group's states are integrated with
+    them, so their rates count. Stages may leave the ranges; the flow must be linear there, too.
     """
     n = len(flow.names)
     inside = _linear_model(flow, low, high, group_states)
@@ -188,7 +188,7 @@ def _too_fast_in_words(names: Sequence[str], z: Floats, step: float) -> str:
 
 
 def _stage_distance(z: Floats, first: Floats) -> Floats:
-    """The largest distance of the stages of a step from its start: the sum of all z^k `first`."""
+    """A bound on how far a step's stages are from its start: the sum of all z^k `first`."""
     total, term = first.copy(), first.copy()
     for _ in range(TERMS * 20):
         term = z @ term
@@ -199,16 +199,16 @@ def _stage_distance(z: Floats, first: Floats) -> Floats:
 
 
 def _submodel(model: dict[str, Floats], at: list[int]) -> dict[str, Floats]:
-    """The part of a model about the states `at`, which read no other states."""
+    """The part of a model for the states `at`; these depend on no other states."""
     return {k: v[at] if k != "A" else v[np.ix_(at, at)] for k, v in model.items()}
 
 
 def _linear_model(
     flow: SimulatedFlow, low: Floats, high: Floats, group_states: Sequence[int]
 ) -> tuple[list[int], dict[str, Floats]] | None:
-    """The states that a group's depend on, and the linear model of all states and controls.
+    """The states on which a group's states depend, and the linear model of all states and controls.
 
-    None where the rate of one of these states is not linear.
+    Returns None if the rate of one of these states is not linear.
     """
     bounds = flow.rates(low, high)
     if bounds is None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def drawn_edges(axes: Sequence[Axis]) -> list[NDArray[np.float64]]:
-    """The edges of each axis, (n + 1,); a cell at an open end is drawn as long as the mean cell."""
+    """The edges (n + 1,) of each axis; an open end's cell is drawn as long as the mean cell."""
     edges_by_axis = []
     for axis in axes:
         edges = np.array(axis.edges)
@@ -36,7 +36,7 @@ def drawn_edges(axes: Sequence[Axis]) -> list[NDArray[np.float64]]:
 
 
 def volume_share(cells: Bools, edges: Sequence[NDArray[np.float64]]) -> float:
-    """The share of a grid's volume that the set `cells` has; `edges` are (cells + 1,) per axis."""
+    """The volume of the set `cells` as a share of the grid's; `edges` are (cells + 1,) per axis."""
     weight = cells.astype(np.float64)
     for e in reversed(edges):
         # not `@`: BLAS has a thread a core for that, and they spin for a while afterwards
@@ -45,7 +45,7 @@ def volume_share(cells: Bools, edges: Sequence[NDArray[np.float64]]) -> float:
 
 
 def deepest_cell(part: GroupSets) -> dict[int, float]:
-    """The middle of a cell far from the border of C, a value by state; empty where C is empty."""
+    """The middle of a cell far inside C, as a value for each state; empty if C is empty."""
     left = part.allowed
     while True:
         inner = left.copy()
@@ -84,7 +84,7 @@ def region_of_each_cell(sets: GroupSets) -> NDArray[np.uint8]:
 
 
 def figure_of_regions(sets: GroupSets, note: str) -> RegionFigure:
-    """A figure of the first two axes, at that place on further axes where most cells may be AC's.
+    """Draws the first two axes, at the indices of the other axes that show most cells for AC.
 
     A third axis has up to `SLICES_MAX` slices.
     """
@@ -136,11 +136,11 @@ def figure_of_regions(sets: GroupSets, note: str) -> RegionFigure:
 
 
 def place_that_shows_most(cells: NDArray[np.uint8]) -> tuple[int, ...]:
-    """The indices, from the third axis on, at which most cells of the first two may be AC's.
+    """The indices, from the third axis on, for which most cells of the first two may be AC's.
 
-    Places where AC gets control back come first, so that no region that has cells is left out.
-    Among equals the place with most cells in K counts, then in C, then the one nearest the middle.
-    `cells`: the regions, in the grid's shape.
+    Indices where AC gets control back come first, so that every region with cells is drawn. Among
+    equals most cells in K count, then most cells in C, then the distance from the middle. `cells`
+    has the regions, in the grid's shape.
     """
     if cells.ndim < 3:
         return ()
@@ -154,7 +154,7 @@ def place_that_shows_most(cells: NDArray[np.uint8]) -> tuple[int, ...]:
 
 
 def _slice_numbers(count: int, shown: int) -> list[int]:
-    """The numbers of the slices to draw out of `count`; both ends and `shown` are among them."""
+    """The numbers of the slices to draw, out of `count`; both ends and `shown` are included."""
     even = np.linspace(0, count - 1, min(count, SLICES_MAX)).round().astype(int)
     return sorted({*even.tolist(), shown})
 

@@ -55,10 +55,10 @@ WORTH_A_STEP = 0.02
 
 @dataclass(frozen=True)
 class Core:
-    """K: `witness` has for each cell the length N of its chain in periods of SC; 0: not in K.
+    """The set K; `witness` has for each cell the length N of the chain, or 0 outside K.
 
-    `rounds`, `steps`: the work done. `vain`: cells that were followed to the end and never came
-    back to K. `spent`: K was given up because a limit of the work was reached.
+    N counts periods of SC. `rounds` and `steps` measure the work; `vain` counts the cells followed
+    to the end without a way into K; `spent` says that a limit was reached and K given up.
     """
 
     witness: Bytes
@@ -69,15 +69,15 @@ class Core:
 
     @property
     def cells(self) -> Bools:
-        """Whether each cell is in K, in the grid's shape."""
+        """The cells of K, as a set of the grid's shape."""
         return np.asarray(self.witness != 0)
 
 
 class GridGroup(GridModel):
     """The engine that computes sets on the grid of one group of states.
 
-    `GridModel` has the group's description in C (`c`) and gives the engine its memory: `pointer` to
-    an array, `bits_of` a set, memory by `allocate_rounds`; it works cell by cell in `tiles`.
+    `GridModel` describes the group in C (`c`) and connects memory to the engine: `pointer` to an
+    array, `bits_of` a set, buffers by `allocate_rounds`. The engine works on the cells of `tiles`.
     """
 
     _scratch: tuple[npt.NDArray[np.uint16], Ints, Bytes] | None = None
@@ -91,7 +91,7 @@ class GridGroup(GridModel):
         parameters: Sequence[int] = (),
         **options: Any,  # noqa: ANN401 - those of __init__
     ) -> GridGroup:
-        """An engine for one group of a problem."""
+        """A new engine for one group of a problem; `options` are those of `GridModel`."""
         axes = [(a.state, a.edges) for a in group.axes]
         ends = {a.state for a in group.axes if a.open}
         endless = {a.state for a in group.axes if a.unbounded}
@@ -105,9 +105,9 @@ class GridGroup(GridModel):
     ) -> Bytes:
         """The truth of a predicate over each cell, in the grid's shape.
 
-        Bit 0: it may be false, bit 1: it may be true, bit 2: a step fault is possible. Predicates
-        on estimates see every error within E. `ranges`: by input, (low, high) in the place of its
-        whole range.
+        Bit 0 means that it may be false, bit 1 that it may be true, bit 2 that a step fault is
+        possible. Predicates on estimates see every error within E. `ranges` has (low, high) by
+        input, in place of the input's whole range.
         """
         low, high = self.low.copy(), self.high.copy()
         for i, (a, b) in (ranges or {}).items():
@@ -133,25 +133,25 @@ class GridGroup(GridModel):
     def cells_true(
         self, predicate: str, *, ranges: Mapping[int, tuple[float, float]] | None = None
     ) -> Bools:
-        """Cells all over which the predicate is true without a step fault, in the grid's shape."""
+        """The cells, in the grid's shape, on which the predicate is true all over without fault."""
         return np.asarray(self.truth_bits(predicate, ranges=ranges) == 2)
 
     def cells_maybe_true(
         self, predicate: str, *, ranges: Mapping[int, tuple[float, float]] | None = None
     ) -> Bools:
-        """Cells with a point plus an error in E at which it may be true, in the grid's shape."""
+        """The cells, in the grid's shape, where the predicate may be true with some error in E."""
         return np.asarray((self.truth_bits(predicate, ranges=ranges) & 6) != 0)
 
     def cells_maybe_false(
         self, predicate: str, *, ranges: Mapping[int, tuple[float, float]] | None = None
     ) -> Bools:
-        """Cells with a point plus an error in E at which it may be false, in the grid's shape."""
+        """The cells, in the grid's shape, where the predicate may be false with some error in E."""
         return np.asarray((self.truth_bits(predicate, ranges=ranges) & 5) != 0)
 
     def compute_constraint(
         self, *, hint: bool = False, ranges: Mapping[int, tuple[float, float]] | None = None
     ) -> Bools:
-        """The cells of C, in the grid's shape: `safe` holds all over them, with `hint` also `core`.
+        """The cells of C, in the grid's shape, on which `safe` holds, and with `hint` `core`.
 
         If the unit has a `constraint`, plants also publish only values in their topics' sets there.
         """
@@ -170,17 +170,17 @@ class GridGroup(GridModel):
         members: Bools | None = None,
         holds: int = 0,
     ) -> Core:
-        """The set K: cells from which the law stays in `allowed` and comes back to K.
+        """Computes K, the cells from which the law stays in `allowed` and comes back to K.
 
         It is the greatest fixpoint of {c in `allowed`: for some N <= `longest` the tube over [0, N
         delta + j] lies in `allowed` and the image over [N delta - j, N delta + j] in K}. A chain is
-        given up when its images have been more than a cell away from K `patience` times in a row: a
-        smaller K at worst. The result does not depend on threads. All sets have the grid's shape.
-        At most one of these two is passed: `resting`, cells of `allowed` that are in K in any case,
-        with `RESTS` for N; `members`, the cells that K may have. K is given up, and empty, when a
-        limit is passed: `vain`, the share of `allowed` that may be followed in vain; `holds`, how
-        many periods of SC may be computed for a cell of `allowed` on average (`HOLDS_LEAST` in all
-        are free). 0: no limit.
+        given up when its images were more than a cell away from K `patience` times in a row, which
+        can only make K smaller. The result does not depend on threads. All sets have the grid's
+        shape. Pass at most one of two sets: `resting` has cells of `allowed` that are in K in any
+        case, with `RESTS` for N; `members` has the cells that K may have. K is given up, and empty,
+        when a limit is passed: `vain` is the share of `allowed` that may be followed in vain;
+        `holds` is the mean number of periods of SC computed for a cell (`HOLDS_LEAST` in all are
+        free). 0 is no limit.
         """
         assert resting is None or members is None
         members = allowed if members is None else members & allowed
@@ -198,16 +198,16 @@ class GridGroup(GridModel):
 
     @property
     def never_moves(self) -> bool:
-        """Whether no state of the group ever changes, so that no run leaves any set of cells."""
+        """Whether no state of the group ever changes; no run then leaves any set of cells."""
         return set(self.axes) <= self.inputs.still
 
     @property
     def never_leaves_grid(self) -> bool:
-        """Whether no run leaves the grid, whatever the commands, by the flow at its two ends.
+        """Whether the flow at both ends of the grid keeps every run inside, with any commands.
 
         It looks at one axis of a linear flow that no command moves: x' <= 0 wherever x is at the
-        upper end and x' >= 0 at the lower one, for everything else in its range. The solutions of a
-        scalar equation keep their order, so none passes an end.
+        upper end and x' >= 0 at the lower end, for all values of the rest. Solutions of a scalar
+        equation keep their order, so no solution passes an end.
         """
         if len(self.axes) != 1 or not self.is_linear or self.c.commands:
             return False
@@ -228,7 +228,7 @@ class GridGroup(GridModel):
         vain_max: int,
         holds: int,
     ) -> Core:
-        """The set K of `compute_core`; `vain_max`: the most cells followed in vain, 0: no limit."""
+        """Computes K for `compute_core`; it follows at most `vain_max` cells in vain if not 0."""
         ffi, lib, n = self.library.ffi, self.library.lib, len(self.axes)
         size = int(np.prod(self.shape))
         allowed_bits, member_bits, resting_bits = map(self.bits_of, (allowed, members, resting))
@@ -267,11 +267,11 @@ class GridGroup(GridModel):
         return Core(witness, int(w.r.rounds), sum(w.r.steps), sum(w.r.vain), spent)
 
     def cells_safe_for(self, t_ns: int, target: Bools, *, segments: int | None = None) -> Bools:
-        """The set R(t) of a target: cells from which no command of U leads out of it within t.
+        """The set R(t) of a target, the cells from which no command of U leads out within t.
 
-        Every run over [0, t] under any measurable command stays in the target. A map's t is a whole
-        number of periods. `segments`: into how many pieces a flow's tube is cut; None: the number
-        is doubled as long as that adds cells; a cell that was shown stays shown. Sets have the
+        Every run over [0, t] under any measurable command stays in the target. For a map, t is a
+        whole number of periods. `segments` is the number of pieces of a flow's tube; None doubles
+        the number as long as this adds cells, and a cell that was shown stays shown. Sets have the
         grid's shape.
         """
         assert t_ns >= 0
@@ -296,7 +296,7 @@ class GridGroup(GridModel):
         return cells
 
     def _cells_safe_in_pieces(self, t_ns: int, target: Bools, known: Bools, pieces: int) -> Bools:
-        """The set R(t) by tubes of so many pieces (for a map: periods); `known` cells are in it."""
+        """The set R(t) by tubes of `pieces` pieces, for a map periods; it contains `known`."""
         ffi, lib = self.library.ffi, self.library.lib
         out = np.empty(self.shape, dtype=np.uint8)
         bits, done = self.bits_of(target), self.bits_of(known)
@@ -352,19 +352,19 @@ class GridGroup(GridModel):
     def erode(self, cells: Bools, errors: Mapping[int, float]) -> Bools:
         """The cells that stay inside the set with every error in E, in the grid's shape.
 
-        E is symmetric, so these are the estimates all of whose states are in the set, and also the
-        states all of whose estimates are. `errors`: the largest error of each state; they make E.
+        `errors` has each state's largest error and defines E. As E is symmetric, the result has the
+        estimates with all states in the set, and also the states with all estimates in the set.
         """
         return self._shifted_cells(cells, errors, grow=False)
 
     def dilate(self, cells: Bools, errors: Mapping[int, float]) -> Bools:
-        """The cells that a cell of the set reaches with an error in E, in the grid's shape."""
+        """The cells, in the grid's shape, that an error in E can reach from a cell of the set."""
         return self._shifted_cells(cells, errors, grow=True)
 
     def images_and_tubes(
         self, low: Sequence[float] | Floats, high: Sequence[float] | Floats, holds: int
     ) -> list[Floats]:
-        """Images and tubes after each of up to `holds` periods of SC from a box: (k, axes, 2)."""
+        """The images and tubes (k, axes, 2) from a box, after each of up to `holds` SC periods."""
         n = len(self.axes)
         ends = [np.array(v, dtype=np.float64) for v in (low, high)]
         images, tubes = (np.zeros((holds, n, 2)) for _ in range(2))

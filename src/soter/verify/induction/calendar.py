@@ -34,7 +34,7 @@ class ComponentCalendar:
 class Point:
     """The instant `at`, in [earliest, latest] in ns, at which a step reads or writes.
 
-    Of several points at one time the one with the lower `place` comes first.
+    Of several points at one time the point with the lower `place` comes first.
     """
 
     earliest: int
@@ -45,9 +45,9 @@ class Point:
 
 @dataclass(eq=False)
 class CalendarStep:
-    """The step of one release: it reads at `start`, and others see its results from `effect` on.
+    """The step of one release; it reads at `start`, and others see its results from `effect` on.
 
-    `begun`: it was released before the span of time, so that its reads are not known.
+    With `begun` it was released before the span of time, and its reads are not known.
     """
 
     component: int
@@ -71,7 +71,7 @@ def start_of_periodic_releases(calendars: Sequence[ComponentCalendar]) -> int:
 def releases_until(calendar: ComponentCalendar, end: int, *, first: bool) -> list[int]:
     """The releases in [0, end) from the start of a run (`first`), or of any later hyperperiod.
 
-    A later hyperperiod also has the release before 0 if that step may last until 0.
+    A later hyperperiod also has the release before 0, if the step of this release may last until 0.
     """
     begin = calendar.phase if first else calendar.phase % calendar.period
     instants = list(range(begin, end, calendar.period))
@@ -84,7 +84,7 @@ def releases_until(calendar: ComponentCalendar, end: int, *, first: bool) -> lis
 def calendar_steps(
     terms: SolverTerms, calendars: Sequence[ComponentCalendar], end: int, *, first: bool
 ) -> list[CalendarStep]:
-    """All steps in [0, end); also states the known order of these steps as facts of `terms`."""
+    """All steps in [0, end); the known order of these steps is added to `terms` as facts."""
     steps: list[CalendarStep] = []
     for calendar in calendars:
         steps_of_component = [
@@ -137,7 +137,7 @@ def is_before(terms: SolverTerms, a: Point, b: Point) -> Term:
 
 
 def groups_apart_in_time(steps: Sequence[CalendarStep]) -> list[list[CalendarStep]]:
-    """The steps in groups, of which each ends before the next one begins."""
+    """Divides the steps into groups; each group ends before the next group begins."""
     groups: list[list[CalendarStep]] = []
     latest = -1
     for step in sorted(steps, key=lambda s: (s.start.earliest, s.release)):

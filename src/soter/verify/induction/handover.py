@@ -37,7 +37,7 @@ Path = tuple[int, ...]
 
 @dataclass(frozen=True)
 class JumpingTopic:
-    """A topic, the node that publishes it, and `why` nothing is shown of it ("" if it is shown)."""
+    """A topic and the node that publishes it; `why` says why jumps are not excluded, or ""."""
 
     topic: typed.TopicSymbol
     node: str
@@ -47,7 +47,7 @@ class JumpingTopic:
 def jumping_topics(
     flat: System, module: Module, link: typed.AbstractionLink
 ) -> Iterator[JumpingTopic]:
-    """The topics that the map of a view reads, each with what is shown; none without `enters`."""
+    """The topics that a view's map reads, with the proof of each; none without `enters`."""
     enters = None if module.whole is None else module.whole.verify.enters
     if enters is None:
         return
@@ -66,20 +66,20 @@ def jumping_topics(
 
 
 def _why_age_read(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> str:
-    """Why a map that reads the topic's age, which publishing resets, is not followed; or ""."""
+    """Why a map that reads a topic's age is not followed, as publishing resets ages; or ""."""
     aged = any(isinstance(n, typed.AgeRead) and n.topic is topic for n in nodes([value]))
     return f"its map reads the age of {topic.name}" if aged else ""
 
 
 def _topic_index(flat: System, topic: typed.TopicSymbol) -> int:
-    """The system's index of a topic symbol; -1 if components mean several topics by it, or none."""
+    """The system's index of a topic symbol; -1 if it has none or differs between components."""
     indices = {c.scope.topics[topic] for c in flat.components if topic in c.scope.topics}
     return indices.pop() if len(indices) == 1 else -1
 
 
 @dataclass(frozen=True)
 class ChangedTopic:
-    """A topic's index, the parts of it that the map reads, and the topics that show its state."""
+    """A topic's index, the parts that the map reads, and the topics that show the plant's state."""
 
     index: int
     paths: list[Path]
@@ -87,13 +87,13 @@ class ChangedTopic:
 
 
 def _why_locals_matter(flat: System, module: Module) -> str:
-    """Why an SC with locals, which may remember the time before a jump, is not followed; or ""."""
+    """Why an SC with locals is not followed, as they may remember the time before a jump; or ""."""
     sc = flat.components[module.sc]
     return f"{sc.name} keeps locals" if sc.node is None or sc.node.locals else ""
 
 
 def _driven_topics(flat: System, module: Module, link: typed.AbstractionLink) -> list[int]:
-    """The topics that the plant of a view drives and the module reads."""
+    """The topics that a view's plant drives and the module's DM or SC reads."""
     scopes = (module.scope.topics, flat.components[module.sc].scope.topics)
     indices = [next((s[t] for s in scopes if t in s), -1) for t, _ in link.plant.drives]
     return [i for i in indices if i >= 0]
@@ -116,7 +116,7 @@ def _why_not_followed(flat: System, index: int, writers: list[Component]) -> str
 
 
 def _paths_read(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> list[Path]:
-    """The parts of a topic that an expression reads, as paths of field indices; () is the topic."""
+    """The parts of a topic that an expression reads, as field indices; () is the whole topic."""
     every = [n for n in nodes([value]) if isinstance(n, typed.TypedExpr)]
     around = {id(n.target): n for n in every if isinstance(n, typed.TypedField)}
     paths: dict[Path, None] = {}
@@ -133,7 +133,7 @@ def _paths_read(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> list
 
 @dataclass
 class StepReads:
-    """The reads of one step: the value of each topic in `values`, and of others any allowed one."""
+    """The topic values that one step reads; a topic not in `values` may have any allowed value."""
 
     terms: SolverTerms
     flat: System
@@ -161,7 +161,7 @@ class StepReads:
 
 @dataclass
 class StepTransition:
-    """The result of one step: its locals, (whether published, value) of topics, `enters` then."""
+    """The result of one step: locals, published topics, faults, and whether `enters` then holds."""
 
     locals: dict[str, Term]
     published: dict[int, tuple[Term, Term]]
@@ -173,7 +173,7 @@ class StepTransition:
 def _why_change_possible(
     flat: System, module: Module, enters: typed.TypedExpr, c: Component, changed: ChangedTopic
 ) -> str:
-    """Why a change where `enters` does not hold is possible, as z3 finds; "" if it is not."""
+    """Why a topic may change although `enters` does not hold, as z3 finds; "" if it cannot."""
     enters_property = Property(0, "always", enters, module.scope, "enters", enters.span)
     program = lower(derived_systems.with_properties(flat, (enters_property,)))
     topic = flat.topics[changed.index]
@@ -206,7 +206,7 @@ def _why_change_possible(
 def _may_jump(
     terms: SolverTerms, step: StepTransition, last: StepTransition, t: Type, changed: ChangedTopic
 ) -> bool:
-    """Whether a step may publish a changed value where it must not; `last`: the step before it."""
+    """Whether a step may publish a forbidden change of a topic; `last` is the step before it."""
     nothing = (False, terms.unknown(t, "whatever"))
     published, value = step.published.get(changed.index, nothing)
     early_topics, old = last.published.get(changed.index, nothing)
@@ -235,7 +235,7 @@ def _have_equal_parts(terms: SolverTerms, a: Term, b: Term, t: Type, path: Path)
 def _step_transition(
     terms: SolverTerms, flat: System, program: core.CoreSystem, c: Component, state: dict[str, Term]
 ) -> StepTransition:
-    """The transition of one step of a node from these locals, whatever it reads."""
+    """The transition of one step of a node from these locals, for any values that it reads."""
     code = program.nodes[c.index]
     functions = {f.name: f for f in program.functions}
     reads = StepReads(terms, flat)

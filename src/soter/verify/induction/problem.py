@@ -62,9 +62,9 @@ WORDS = {"groups": "grid", "acts": "acts within"}
 
 @dataclass(eq=False, kw_only=True)
 class InductionProblem(Problem):
-    """A module with the nodes that its proof follows, and their times.
+    """A module with the nodes that the proof follows, and the times of these nodes.
 
-    `system` holds the components of the proof and no others.
+    `system` holds only the components of the proof.
     """
 
     clocks: tuple[ComponentCalendar, ...]
@@ -89,7 +89,7 @@ class InductionProblem(Problem):
 
     @cached_property
     def outputs(self) -> dict[int, list[int]]:
-        """The topics that each component publishes, by its index."""
+        """The topics that each component publishes, by the index of the component."""
         topics_by_component = {}
         for c in self.system.components:
             if c.node is not None:
@@ -114,9 +114,9 @@ def _properties_to_show(module: Module) -> list[Property]:
 
 
 def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> InductionProblem:
-    """The problem of a module of a flat system; `SoterError` R030, R031 or R032.
+    """The problem of a module of a flat system; raises `SoterError` R030, R031 or R032.
 
-    `modes`: the modes of other modules that the module reads, as topics that nobody publishes.
+    `modes` has the modes of other modules that the module reads, as topics that nobody publishes.
     """
     diagnostics = Diagnostics()
     _refuse_unsupported(flat, module, diagnostics)
@@ -211,7 +211,7 @@ def _refuse_unsupported(flat: System, module: Module, diagnostics: Diagnostics) 
 
 
 def _refuse_controller(flat: System, module: Module, diagnostics: Diagnostics) -> None:
-    """Refuses externs, modes of other modules and margins in SC and in predicates."""
+    """Reports externs, modes of other modules and margins in SC and in predicates as errors."""
     symbol, sc = module.symbol, flat.components[module.sc]
     if sc.extern:
         diagnostics.error(
@@ -252,10 +252,10 @@ def _refuse_controller(flat: System, module: Module, diagnostics: Diagnostics) -
 def _followed_nodes(
     flat: System, module: Module, modes: Modes
 ) -> tuple[list[int], dict[str, str], list[int]]:
-    """The nodes to follow, topics with any value (with reasons), and topics of nodes that hear.
+    """Nodes to follow, topics with any value and the reasons, and topics of nodes that hear others.
 
     The writers of topics that `safe` and the lemmas read are followed. Other writers are followed
-    unless they hear plants or other modules; their topics are the third result.
+    unless they hear plants or other modules; the third result has the topics of these writers.
     """
     symbol, scope = module.symbol, module.scope
     own_components = {module.dm, module.sc, module.ac}
@@ -289,7 +289,7 @@ def _followed_nodes(
 
 
 def _queue_source(flat: System, topic: int) -> int:
-    """The topic itself; for a queue the topic whose values it collects."""
+    """The topic itself; if it is a queue, the topic whose values it collects."""
     source = flat.topics[topic].queue_of
     return topic if source is None else source
 
@@ -310,7 +310,7 @@ def _sources_in_words(flat: System, module: Module, writers: list[Component]) ->
 
 
 def _why_not_followed(flat: System, module: Module, writers: list[Component]) -> str:
-    """Why a topic may hold any value of its set at any time; "" where its writers are followed."""
+    """Why a topic may hold any value of its set at any time; "" if its writers are followed."""
     if not writers:
         return "the environment's"
     for c in writers:
@@ -337,7 +337,7 @@ def _modes_read_by(c: Component) -> set[int]:
 
 
 def _extern_calls(*roots: object) -> list[typed.TypedCall]:
-    """The calls that reach an extern function, directly or through others."""
+    """The calls that reach an extern function, directly or through other functions."""
     extern_calls = []
     for call in calls_in(*roots):
         seen: set[typed.FunSymbol] = set()
@@ -364,7 +364,7 @@ def _topics_of_node(c: Component) -> list[int]:
 def _times_of_components(
     system: System, module: Module, diagnostics: Diagnostics
 ) -> tuple[Times, tuple[ComponentCalendar, ...], tuple[ComponentCalendar, ...], list[str]]:
-    """The times of DM and SC, the calendars as followed and as declared, the undeclared times."""
+    """The times of DM and SC, the calendars as followed and as declared, and undeclared times."""
     _refuse_times_of_others(system, module, diagnostics)
     absent: list[str] = []
     calculator = Calculator(diagnostics, module.scope.params)
@@ -435,7 +435,7 @@ def _time_assumptions(
     declared: tuple[ComponentCalendar, ...],
     diagnostics: Diagnostics,
 ) -> list[Assumption]:
-    """The assumptions behind the times of the proof; R033 where the thread does not keep them."""
+    """The assumptions behind the times of the proof; reports R033 if the thread breaks them."""
     by_name = {system.components[c.component].name: (c.late, c.response) for c in declared}
     dm, sc = flat.components[module.dm].name, flat.components[module.sc].name
     others = [c for c in flat.components if c.name in by_name and c.role in ("node", "ac")]

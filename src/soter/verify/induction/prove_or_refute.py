@@ -59,7 +59,7 @@ HOLDS, FAILS, UNKNOWN = "holds", "fails", "unknown"
 
 @dataclass
 class Induction:
-    """The result of an induction; `k`: the depth at which it proved the module."""
+    """The result of an induction; `k` is the depth at which the module was proved."""
 
     hyperperiod_ns: int
     steps: int = 0
@@ -93,7 +93,7 @@ class Induction:
 
     @property
     def returns_ns(self) -> int:
-        """T of P2b in ns, one hyperperiod more, as SC may take over within one; 0 if not shown."""
+        """T of P2b in ns, with one more hyperperiod for SC's takeover; 0 if P2b is not shown."""
         return (self.returns + 1) * self.hyperperiod_ns if self.returns else 0
 
 
@@ -120,7 +120,7 @@ def prove_by_induction(problem: InductionProblem) -> Induction:
 
 
 def _prove_with_latching(problem: InductionProblem, induction: Induction) -> None:
-    """Tries once more, now with steps that may fault and latch their nodes; that proves as much."""
+    """Tries the proof again with steps that may fault and latch nodes, which proves as much."""
     names = _components_that_may_fault(problem)
     if not names:
         return
@@ -148,7 +148,7 @@ def _components_that_may_fault(problem: InductionProblem) -> tuple[str, ...]:
 
 
 def _deepen_induction(problem: InductionProblem, induction: Induction) -> None:
-    """Tries greater and greater depths k until both halves hold, the base fails, or time is up."""
+    """Tries increasing depths k until base and step hold, the base fails, or time is up."""
     began = time.process_time()
     for n, k in enumerate(DEPTHS):
         share_done(n / len(DEPTHS))
@@ -169,7 +169,7 @@ def _deepen_induction(problem: InductionProblem, induction: Induction) -> None:
 
 
 def _prove_base_case(problem: InductionProblem, induction: Induction, k: int) -> str:
-    """HOLDS, FAILS or UNKNOWN: whether all claims hold until k hyperperiods after all phases."""
+    """Whether all claims hold until k hyperperiods after all phases: HOLDS, FAILS or UNKNOWN."""
     terms = SolverTerms()
     end = start_of_periodic_releases(problem.clocks) + k * induction.hyperperiod_ns
     span = TimeSpan(problem, terms, end, first=True, latching=bool(induction.latching))
@@ -202,9 +202,9 @@ def _property_name(problem: InductionProblem, number: int) -> str:
 
 
 def _prove_induction_step(problem: InductionProblem, induction: Induction, k: int) -> bool:
-    """Whether all claims hold in the hyperperiod after any k in which all held.
+    """Whether all claims hold in the next hyperperiod after any k in which all claims held.
 
-    Each claim is a question of its own: one question about ten claims is harder than ten.
+    Each claim is a separate question, because one question about ten claims is harder than ten.
     """
     terms = SolverTerms()
     hyperperiod = induction.hyperperiod_ns
@@ -223,7 +223,7 @@ def _prove_induction_step(problem: InductionProblem, induction: Induction, k: in
 
 
 def _assume_held_before(query: Query, span: TimeSpan, until: int) -> None:
-    """Adds to the query that every claim which is judged before `until` held."""
+    """Adds to the query that every claim judged before the time `until` held."""
     terms = span.terms
     for seen in span.judged:
         if seen.earliest < until:
@@ -232,7 +232,7 @@ def _assume_held_before(query: Query, span: TimeSpan, until: int) -> None:
 
 
 def _failing_conditions(span: TimeSpan, begin: int, end: int) -> list[tuple[Term, Term, int]]:
-    """Every possible failure in [begin, end): its condition, its time, the number of the claim."""
+    """Every possible failure in [begin, end), as its condition, its time and the claim's number."""
     terms = span.terms
     failures = []
     for seen in span.judged:
@@ -249,7 +249,7 @@ def _failing_conditions(span: TimeSpan, begin: int, end: int) -> list[tuple[Term
 
 
 def _prove_return(problem: InductionProblem, induction: Induction) -> None:
-    """Proves P2b: finds a number of hyperperiods for which SC cannot keep control."""
+    """Proves P2b by a number of hyperperiods for which SC cannot keep control."""
     began, since = time.perf_counter(), time.process_time()
     hyperperiod = induction.hyperperiod_ns
     for n in DEPTHS:
@@ -269,7 +269,7 @@ def _prove_return(problem: InductionProblem, induction: Induction) -> None:
 def _has_no_such_run(
     problem: InductionProblem, induction: Induction, n: int, *, stays: bool
 ) -> bool:
-    """Whether no run has n hyperperiods in which all claims hold; `stays`: and SC keeps control.
+    """Whether no run has n hyperperiods with all claims true, and with `stays` SC in control.
 
     In these runs no step faults, and the assumptions of P2b hold.
     """
@@ -285,8 +285,8 @@ def _has_no_such_run(
 def _event_that_never_happens(problem: InductionProblem, induction: Induction) -> str:
     """The event that never happens: `safe` "fails", AC "gets" or "keeps" control; "" if all may.
 
-    Looked at are the first hyperperiods, and any one after k in which all claims held. As the
-    module is proved, these cover every run.
+    It looks at the first hyperperiods, and at any hyperperiod after k in which all claims held. As
+    the module is proved, these cover every run.
     """
     if _is_safe_always_true(problem):
         return "fails"
@@ -317,7 +317,7 @@ def _is_safe_always_true(problem: InductionProblem) -> bool:
 
 
 def _may_decide(make_span: Callable[..., TimeSpan], begin: int, word: str) -> bool:
-    """Whether a decision from `begin` on may give control to AC ("gets"), or leave it ("keeps")."""
+    """Whether from `begin` on a decision may give AC control ("gets") or let AC stay ("keeps")."""
     terms = SolverTerms()
     span = make_span(terms=terms)
     query = terms.query()
@@ -341,7 +341,7 @@ ALTERNATIVES_MAX = 64
 
 @dataclass(frozen=True)
 class ReplayedRun:
-    """A run of the program with some AC, which the reference interpreter has replayed."""
+    """A run of the program with some AC, replayed by the reference interpreter."""
 
     time_ns: int
     lines: tuple[str, ...]
@@ -352,11 +352,11 @@ class ReplayedRun:
 
 
 class Violated(Protocol):
-    """A run that the search found, which violates a property or has a faulting step."""
+    """A run found by the search that violates a property or has a faulting step."""
 
     @property
     def what(self) -> str:
-        """The kind of its violation, as traces name it: `property` or `fault`, for example."""
+        """The kind of the violation, as traces name it: `property` or `fault`, for example."""
 
     @property
     def time_ns(self) -> int:
@@ -374,10 +374,10 @@ Search = Callable[["System"], "Violated | None"]
 def refuting_run(
     problem: InductionProblem, until_ns: int, search: Search, *, fault: bool
 ) -> ReplayedRun | None:
-    """A run that violates `safe` by `until_ns`, or (`fault`) has a faulting step; None: none found.
+    """Searches for a run that violates `safe` by `until_ns`, or with `fault` faults; else None.
 
-    Where the proof depends on topics that none of its nodes publishes no run is searched, as the
-    system that would be tested is not the program.
+    It searches no run if the proof depends on topics that none of its nodes publishes, because the
+    tested system would not be the program.
     """
     if problem.any_value:
         return None
@@ -435,7 +435,7 @@ def system_with_any_ac(problem: InductionProblem) -> System:
 def _any_value(
     t: Type, bounds: Sequence[Bound | None], default: Value, at: Span
 ) -> typed.TypedExpr:
-    """An expression that chooses a value of a type: among all values, or some if there are many."""
+    """An expression that chooses a value of a type, from all values or, if too many, from some."""
     if isinstance(t, (RecordType, ArrayType)):
         part_types = [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
         elements, k = [], 0

@@ -49,12 +49,12 @@ QUERY_MS = 120_000
 
 
 class Query:
-    """A set of constraints, and the question whether they can be met.
+    """A set of constraints with the question whether some values meet all of them.
 
-    How z3 searches depends on how its context numbers terms, so a context that has served other
-    questions may answer differently; and one way of searching may take a thousand times as long as
-    another (seen: 1.4 million units of work, and more than 470 million). So each way is tried in a
-    new context, up to `QUERY_WORK`, however long that takes.
+    How z3 searches depends on how its context numbers terms, so a context used for other questions
+    may answer differently. One way of searching may take a thousand times as long as another way
+    (seen: 1.4 million units of work, and more than 470 million). So `check` tries each way in a new
+    context, up to `QUERY_WORK`, however long that takes.
     """
 
     def __init__(self, z3: Term) -> None:
@@ -69,7 +69,7 @@ class Query:
     def check(self) -> Term:
         """Asks whether the constraints can be met: z3's `sat`, `unsat` or `unknown`."""
         answer = self._z3.unknown
-        for way in (self._with_equations_solved, self._as_it_is, self._with_simplex):
+        for way in (self._with_equations_solved, self._with_default_solver, self._with_simplex):
             self._asked = way(self._z3.Context())
             self._asked.set("rlimit", QUERY_WORK)
             self._asked.set("timeout", QUERY_MS)
@@ -84,7 +84,7 @@ class Query:
         tactics = ("simplify", "propagate-values", "solve-eqs", "smt")
         return self._z3.Then(*[self._z3.Tactic(t, context) for t in tactics]).solver()
 
-    def _as_it_is(self, context: Term) -> Term:
+    def _with_default_solver(self, context: Term) -> Term:
         return self._z3.SimpleSolver(ctx=context)
 
     def _with_simplex(self, context: Term) -> Term:
@@ -109,13 +109,13 @@ AGE_MAX = 2**63
 
 @dataclass(frozen=True)
 class Age:
-    """The float `float(ns) / 1e9`, where `ns` is a term: an age in seconds."""
+    """An age in seconds, the float `float(ns) / 1e9`, in which `ns` is a term."""
 
     ns: Term
 
 
 def require_z3() -> Any:  # noqa: ANN401 - an untyped module
-    """The module `z3`; `SoterError` D007 where that extra is not installed."""
+    """Gives the module `z3`; raises `SoterError` D007 if this optional package is not installed."""
     try:
         import z3  # noqa: PLC0415 - an extra
     except ImportError:
@@ -126,17 +126,17 @@ def require_z3() -> Any:  # noqa: ANN401 - an untyped module
 
 
 def is_known(term: Term) -> bool:
-    """Whether a scalar is a value of Python, not a term."""
+    """Whether a scalar is a Python value and not a term of the solver."""
     return isinstance(term, (bool, int, float))
 
 
-def is_tuple(t: Type) -> bool:
-    """Whether values of a type are tuples of their parts."""
+def is_tuple_type(t: Type) -> bool:
+    """Whether values of this type are represented as tuples of parts."""
     return isinstance(t, RecordType) or (isinstance(t, ArrayType) and t.size <= ARRAY_MAX)
 
 
 def part_types(t: Type) -> list[Type]:
-    """The types of the parts of a record or short array."""
+    """The type of each part of a record or of a short array, in order."""
     if isinstance(t, RecordType):
         return [f for _, f in t.fields]
     assert isinstance(t, ArrayType)
@@ -144,7 +144,7 @@ def part_types(t: Type) -> list[Type]:
 
 
 def structure_text(t: Type) -> str:
-    """The structure of a type as text; types with different texts have no value in common."""
+    """The structure of a type as text; types with different texts have no common values."""
     if isinstance(t, RecordType):
         return "{" + ", ".join(f"{n}: {structure_text(f)}" for n, f in t.fields) + "}"
     if isinstance(t, ArrayType):
@@ -154,14 +154,14 @@ def structure_text(t: Type) -> str:
     return str(t)
 
 
-def is_integer(t: Type) -> bool:
-    """Whether values of a type are integers of the solver."""
+def is_integer_type(t: Type) -> bool:
+    """Whether values of this type are represented as integers of the solver."""
     return isinstance(t, (IntType, DurationType, EnumType))
 
 
 @dataclass
 class SolverTerms:
-    """Makes terms, and collects in `facts` conditions that always hold, for every query."""
+    """Makes terms of the solver; `facts` collects conditions that always hold, for every query."""
 
     facts: list[Term] = field(default_factory=list)
 
@@ -176,14 +176,14 @@ class SolverTerms:
         self._opaque: dict[int, tuple[Term, bool]] = {}
 
     def all_of(self, *truths: Term) -> Term:
-        """The conjunction of some conditions."""
+        """The condition that all of these conditions hold."""
         if any(t is False for t in truths):
             return False
         unknown = [t for t in truths if t is not True]
         return True if not unknown else unknown[0] if len(unknown) == 1 else self.z3.And(*unknown)
 
     def any_of(self, *truths: Term) -> Term:
-        """The disjunction of some conditions."""
+        """The condition that at least one of these conditions holds."""
         if any(t is True for t in truths):
             return True
         unknown = [t for t in truths if t is not False]
@@ -194,7 +194,7 @@ class SolverTerms:
         return not truth if isinstance(truth, bool) else self.z3.Not(truth)
 
     def query(self) -> Query:
-        """A new query that has all facts up to now."""
+        """A new query that contains all facts collected so far."""
         query = Query(self.z3)
         query.add(*self.facts)
         return query
@@ -210,15 +210,15 @@ class SolverTerms:
         return f"{start}!{self._count}"
 
     def unknown(self, t: Type, name: str, bounds: Bounds | None = None) -> Term:
-        """A term for an unknown value of a type, within `bounds` (one for each leaf) if given."""
-        if is_tuple(t):
+        """A term for an unknown value of a type; `bounds`, if any, limit each leaf."""
+        if is_tuple_type(t):
             return tuple(
                 self.unknown(part, f"{name}.{k}", bounds_)
                 for k, (part, bounds_) in enumerate(_parts_with_bounds(t, bounds))
             )
         if isinstance(t, BoolType):
             return self.z3.Bool(self.new_name(name))
-        if is_integer(t):
+        if is_integer_type(t):
             term = self.z3.Int(self.new_name(name))
             low, high = range_of(t, bounds)
             self.state(self.z3.And(low <= term, term <= high))
@@ -237,15 +237,15 @@ class SolverTerms:
         return self.z3.Bool(self.new_name(name))
 
     def constant(self, t: Type, value: Value) -> Term:
-        """The term of a constant."""
-        if is_tuple(t):
+        """The term for a constant value of a type."""
+        if is_tuple_type(t):
             return tuple(self.constant(p, v) for p, v in zip(part_types(t), value, strict=True))
         if isinstance(t, (ListType, ArrayType)):
             return self.sort_term(t, value)
         return value
 
     def sort_term(self, t: Type, value: Term) -> Term:
-        """The term of a float, list or array as an element of the uninterpreted sort."""
+        """The term of a float, list or array in the solver's uninterpreted sort."""
         if isinstance(value, Age):
             return self.apply("seconds", [value.ns], FLOAT)
         if not isinstance(value, (float, int, tuple, Table)):  # of a table nothing is known
@@ -262,7 +262,7 @@ class SolverTerms:
         return self._constants[key][1]
 
     def _state_list(self, term: Term, t: ListType, value: tuple[Value, ...]) -> None:
-        """States the length and the first elements of a constant list."""
+        """Adds facts about a constant list: the length and the first elements."""
         self.state(self.length(term) == len(value))
         for k, element in enumerate(value[:ELEMENTS_MAX]):
             element_term = self.apply("element", [term, self.z3.IntVal(k)], t.element)
@@ -277,7 +277,7 @@ class SolverTerms:
         return self.z3.Function("length", self.sort, self.z3.IntSort())(term)
 
     def _publishable_predicate(self, t: Type, bounds: Bounds) -> Term:
-        """The uninterpreted predicate that a value of a type may be published in these bounds."""
+        """The uninterpreted predicate that tells whether a value lies within these bounds."""
         key = (t, tuple(None if b is None else (b.low, b.high) for b in bounds))
         if key not in self._inside:
             name = f"may be published {structure_text(t)} {key[1]}"
@@ -288,13 +288,13 @@ class SolverTerms:
                     self.state(predicate(term) == passes_gate(value, t, bounds))
             for made, term, elements in list(self._made):
                 if made == t:
-                    self._decide_made(predicate(term), t, elements, bounds)
+                    self._state_list_publishable(predicate(term), t, elements, bounds)
         return self._inside[key][1]
 
-    def _decide_made(
+    def _state_list_publishable(
         self, claim: Term, t: Type, elements: list[tuple[Term, Type]], bounds: Bounds
     ) -> None:
-        """States that a list may be published if and only if all of its elements may."""
+        """Adds the fact that a list may be published if and only if all elements may."""
         size = len(elements)
         element_bounds = (
             [bounds] * size
@@ -308,7 +308,7 @@ class SolverTerms:
         self.state(claim == self.all_of(*passes))
 
     def list_term(self, t: Type, elements: list[tuple[Term, Type]]) -> Term:
-        """The term of a list or long array with these elements, pairs of a term and its type."""
+        """The term of a list or long array; `elements` has pairs of a term and a type."""
         if not elements:
             return self.sort_term(t, ())
         parts = [x for v, p in elements for x in self.leaves(v, p)]
@@ -316,19 +316,19 @@ class SolverTerms:
         self._made.append((t, made, elements))
         for (of, _), (bounds, predicate) in list(self._inside.items()):
             if of == t:
-                self._decide_made(predicate(made), t, elements, bounds)
+                self._state_list_publishable(predicate(made), t, elements, bounds)
         if isinstance(t, ListType):
             self.state(self.length(made) == len(elements))
         return made
 
     def may_publish(self, value: Term, t: Type, bounds: Bounds) -> Term:
-        """The condition that the gate lets a value pass, as it is finite and within its bounds."""
-        if is_tuple(t):
+        """The condition that the gate passes a value, which must be finite and within bounds."""
+        if is_tuple_type(t):
             parts = zip(value, _parts_with_bounds(t, bounds), strict=True)
             return self.all_of(*[self.may_publish(v, p, b or ()) for v, (p, b) in parts])
         if isinstance(t, (BoolType, EnumType)):
             return True
-        if is_integer(t):
+        if is_integer_type(t):
             low, high = range_of(t, bounds)
             return self.all_of(low <= value, value <= high)
         if isinstance(value, float):
@@ -336,26 +336,26 @@ class SolverTerms:
         return self._publishable_predicate(t, bounds)(self.sort_term(t, value))
 
     def leaves(self, value: Term, t: Type) -> list[Term]:
-        """The terms of the leaves of a value, as arguments of a function of the solver."""
-        if is_tuple(t):
+        """The terms of a value's leaves, as arguments for a function of the solver."""
+        if is_tuple_type(t):
             pairs = zip(value, part_types(t), strict=True)
             return [x for v, p in pairs for x in self.leaves(v, p)]
         if isinstance(t, BoolType):
             return [self.z3.BoolVal(value) if isinstance(value, bool) else value]
-        if is_integer(t):
+        if is_integer_type(t):
             return [self.z3.IntVal(value) if isinstance(value, int) else value]
         return [self.sort_term(t, value)]
 
     def apply(self, name: str, arguments: list[Term], t: Type) -> Term:
-        """The value of an uninterpreted function of some leaves; states the range of type `t`."""
-        if is_tuple(t):
+        """The value of an uninterpreted function of leaves; adds the range of `t` as a fact."""
+        if is_tuple_type(t):
             return tuple(
                 self.apply(f"{name}.{k}", arguments, part) for k, part in enumerate(part_types(t))
             )
         sorts = [a.sort() for a in arguments]
         if isinstance(t, BoolType):
             return self._solver_function(name, sorts, self.z3.BoolSort())(*arguments)
-        if not is_integer(t):
+        if not is_integer_type(t):
             return self._solver_function(name, sorts, self.sort)(*arguments)
         term = self._solver_function(name, sorts, self.z3.IntSort())(*arguments)
         low, high = range_of(t, None)
@@ -365,7 +365,7 @@ class SolverTerms:
         return term
 
     def is_opaque(self, term: Term) -> bool:
-        """Whether a term depends on an uninterpreted function; named terms are not looked into."""
+        """Whether a term depends on an uninterpreted function; named constants count as known."""
         if is_known(term):
             return False
         known = self._opaque.get(term.get_id())
@@ -388,7 +388,7 @@ class SolverTerms:
         """The term `condition ? then : otherwise`, of type `t`."""
         if isinstance(condition, bool):
             return then if condition else otherwise
-        if is_tuple(t):
+        if is_tuple_type(t):
             triples = zip(then, otherwise, part_types(t), strict=True)
             return tuple(self.choice(condition, a, b, p) for a, b, p in triples)
         if then is otherwise or (
@@ -401,8 +401,8 @@ class SolverTerms:
         return self.z3.If(condition, a, b)
 
     def named_value(self, value: Term, t: Type, name: str) -> Term:
-        """The same value with a new constant for each of its terms, so that terms stay small."""
-        if is_tuple(t):
+        """The same value with each term replaced by a new constant, to keep terms small."""
+        if is_tuple_type(t):
             pairs = enumerate(zip(value, part_types(t), strict=True))
             return tuple(self.named_value(v, p, f"{name}.{k}") for k, (v, p) in pairs)
         if is_known(value):
@@ -412,7 +412,7 @@ class SolverTerms:
         return self.new_constant_for(value, name)
 
     def new_constant_for(self, term: Term, name: str) -> Term:
-        """A new constant of the solver that equals a scalar term; a simple term stays itself."""
+        """A new constant that equals a scalar term; a value or constant is returned unchanged."""
         if is_known(term) or self.z3.is_const(term):
             return term
         constant = self.z3.Const(self.new_name(name), term.sort())
@@ -420,7 +420,7 @@ class SolverTerms:
         return constant
 
     def age_condition(self, op: str, ns: Term, limit: float) -> Term:
-        """The condition `float(ns) / 1e9 op limit`; it is exact, as both steps are monotone."""
+        """The condition `float(ns) / 1e9 op limit`; it is exact, as both functions are monotone."""
         if math.isnan(limit):
             return op == "!="
         reached, passed = _least_ns(limit, after=False), _least_ns(limit, after=True)
@@ -442,7 +442,7 @@ def _is_same_value(a: Term, b: Term) -> bool:
 
 
 def _least_ns(limit: float, *, after: bool) -> int:
-    """The least ns whose float(ns) / 1e9 is at least `limit`, or (`after`) is above it."""
+    """The least ns with float(ns) / 1e9 at least `limit`, or with `after` above `limit`."""
     low, high = 0, AGE_MAX
     while low < high:
         middle = (low + high) // 2
@@ -455,7 +455,7 @@ def _least_ns(limit: float, *, after: bool) -> int:
 
 
 def _parts_with_bounds(t: Type, bounds: Bounds | None) -> list[tuple[Type, Bounds | None]]:
-    """The parts of a type, each with the bounds of its leaves."""
+    """Each part of a type, with the bounds of the leaves in this part."""
     bounded_parts: list[tuple[Type, Bounds | None]] = []
     at = 0
     for part in part_types(t):

@@ -27,7 +27,13 @@ from soter.language.model.types import (
     ListType,
     RecordType,
 )
-from soter.verify.induction.solver_terms import Age, is_integer, is_known, is_tuple, part_types
+from soter.verify.induction.solver_terms import (
+    Age,
+    is_integer_type,
+    is_known,
+    is_tuple_type,
+    part_types,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -55,7 +61,7 @@ class Reads(Protocol):
 
 
 class Evaluation(Execution["Term"]):
-    """Executes one step or one predicate; `fault` is the condition that it surely faults."""
+    """Executes one step or predicate; `fault` is the condition under which it certainly faults."""
 
     def __init__(
         self, terms: SolverTerms, functions: Mapping[str, core.Function], reads: Reads
@@ -118,7 +124,7 @@ class Evaluation(Execution["Term"]):
         return value
 
     def _value_and_fault(self, s: core.Checked, v: list[Term], limit: Term) -> tuple[Term, Term]:
-        """The value where there is no fault, and the condition that there is one."""
+        """The value that results without a fault, and the condition for a fault."""
         terms, z3 = self.terms, self.terms.z3
         if s.op == "index":
             return v[0], terms.negated(terms.all_of(v[0] >= 0, v[0] < limit))
@@ -146,7 +152,7 @@ class Evaluation(Execution["Term"]):
         return value, terms.negated(terms.all_of(value >= INT_MIN, value <= INT_MAX))
 
     def _is_nan(self, value: Term) -> Term:
-        """The condition that a float is NaN; it is uninterpreted if the value is not known."""
+        """The condition that a float is NaN; it is uninterpreted if the value is unknown."""
         if isinstance(value, Age):
             return False
         if isinstance(value, float):
@@ -154,7 +160,7 @@ class Evaluation(Execution["Term"]):
         return self.terms.apply("is NaN", [self.terms.sort_term(FLOAT, value)], BOOL)
 
     def _quotient(self, op: str, v: list[Term]) -> tuple[Term, Term]:
-        """The quotient (rounded towards zero) or remainder, and the condition that it faults."""
+        """The quotient rounded towards zero, or the remainder, and the condition for a fault."""
         terms, z3 = self.terms, self.terms.z3
         a, b = v
         if not is_known(b):
@@ -171,7 +177,7 @@ class Evaluation(Execution["Term"]):
         return (q if op == "div" else a - q * b), (q > INT_MAX if op == "div" else False)
 
     def result_of(self, f: core.Function, arguments: tuple[Term, ...]) -> Term:
-        """The result of a function; a long or extern one is uninterpreted."""
+        """The result of a function; the result of a long or extern function is uninterpreted."""
         terms = self.terms
         if f.result is not None and _statement_count(f.body) <= INLINE_MAX:
             where, fault, doubt = self.where, self.fault, self.doubt
@@ -208,12 +214,12 @@ class Evaluation(Execution["Term"]):
         return value, t
 
     def _part_at(self, value: Term, t: Type, index: Term) -> tuple[Term, Type]:
-        """The field or element of a value at an index, and its type; beyond an end, that end."""
+        """The part of a value at an index, and its type; beyond an end it is the end's element."""
         terms = self.terms
         if isinstance(t, RecordType):
             return value[index], t.fields[index][1]
         assert isinstance(t, (ArrayType, ListType))
-        if not is_tuple(t):
+        if not is_tuple_type(t):
             operands = [terms.sort_term(t, value), *terms.leaves(index, INT)]
             return terms.apply("element", operands, t.element), t.element
         if isinstance(index, int):
@@ -226,11 +232,11 @@ class Evaluation(Execution["Term"]):
     def _with_new_part(
         self, old: Term, t: Type, steps: Sequence[Term], new: Term, of: Type
     ) -> Term:
-        """A copy of `old` (of type `t`) with `new` (of type `of`) as the part at `steps`."""
+        """A copy of `old`, of type `t`, with `new`, of type `of`, as the part at `steps`."""
         if not steps:
             return new
         terms, (index, *rest) = self.terms, steps
-        if not is_tuple(t):
+        if not is_tuple_type(t):
             operands = [terms.sort_term(t, old), *terms.leaves(new, of)]
             where = [x for s in steps for x in terms.leaves(s, INT)]
             return terms.apply("replaced", [*operands, *where], t)
@@ -268,7 +274,7 @@ class Evaluation(Execution["Term"]):
         if isinstance(e, core.Binary):
             return self._binary(e, *operands)
         assert isinstance(e, core.Make), e
-        if is_tuple(e.type):
+        if is_tuple_type(e.type):
             return operands
         types = [part.type for part in e.elements]
         return terms.list_term(e.type, list(zip(operands, types, strict=True)))
@@ -282,7 +288,7 @@ class Evaluation(Execution["Term"]):
         return self.terms.apply(e.op, self.terms.leaves(operand, e.operand.type), e.type)
 
     def _extreme(self, e: core.Extreme, a: Term, b: Term) -> Term:
-        if is_integer(e.type) or (isinstance(a, float) and isinstance(b, float)):
+        if is_integer_type(e.type) or (isinstance(a, float) and isinstance(b, float)):
             second = b < a if e.op == "min" else b > a
             return self.terms.choice(second, b, a, e.type)
         operands = [*self.terms.leaves(a, e.left.type), *self.terms.leaves(b, e.right.type)]
@@ -295,7 +301,7 @@ class Evaluation(Execution["Term"]):
             return terms.all_of(a, b)
         if e.op == "||":
             return terms.any_of(a, b)
-        if isinstance(t, BoolType) or is_integer(t):
+        if isinstance(t, BoolType) or is_integer_type(t):
             return _comparison(terms, e.op, a, b)
         assert isinstance(t, FloatType), t
         if not isinstance(e.type, BoolType):
@@ -353,7 +359,7 @@ NEVER = -(2**62)
 
 @dataclass
 class State:
-    """The state between two clusters: (value, stamp) of each topic, the locals, the mode."""
+    """The state between two clusters: the (value, stamp) of topics, the locals and the mode."""
 
     topics: dict[int, tuple[Term, Term]]
     locals: dict[tuple[int, str], Term]
@@ -366,7 +372,7 @@ class State:
 
 @dataclass(eq=False)
 class StepEffect:
-    """The effects of a step: (whether published, value) of topics; of a DM the mode after it."""
+    """A step's effects: topics as (whether published, value), and the mode after a DM's step."""
 
     step: CalendarStep
     published: dict[int, tuple[Term, Term]] = field(default_factory=dict)
@@ -380,10 +386,10 @@ class StepEffect:
 
 @dataclass(frozen=True)
 class JudgedInstant:
-    """The instant `at`, in [earliest, latest] in ns, at which claims are judged if `counts` holds.
+    """An instant in [earliest, latest] ns at which claims are judged if `counts` holds.
 
-    `holds`: the conditions that no step faulted, that `safe` holds, and that each lemma does.
-    `later`: the condition that `safe` holds until the next effect, while ages grow.
+    `at` is its time. `holds` has the conditions that no step faulted, that `safe` holds, and each
+    lemma. `later` is the condition that `safe` holds until the next effect, while ages grow.
     """
 
     counts: Term
@@ -398,7 +404,7 @@ class JudgedInstant:
 
 
 class StepSurroundings(Protocol):
-    """The span of time around a view, as far as a view needs it: `transition_relation.TimeSpan`."""
+    """The part of a span of time that a view needs, as `transition_relation.TimeSpan` has it."""
 
     problem: InductionProblem
     terms: SolverTerms
@@ -409,7 +415,7 @@ class StepSurroundings(Protocol):
 
 
 class Order(Protocol):
-    """The steps around a view, as far as a view needs them: `transition_relation.Cluster`."""
+    """The part of a cluster of steps that a view needs, as `transition_relation.Cluster` has it."""
 
     def topic_at(
         self, index: int, old: tuple[Term, Term], point: Point | None, step: CalendarStep | None
@@ -421,7 +427,7 @@ class Order(Protocol):
 
 
 class ClusterView:
-    """The view of a reader at a point of a cluster; the reader sees its own `step`, if any."""
+    """The view of a reader at a point of a cluster, with the effects of the reader's `step`."""
 
     def __init__(
         self,
@@ -438,7 +444,7 @@ class ClusterView:
         self._known: dict[int, tuple[Term, Term]] = {}
 
     def topic_value(self, cell: core.Cell, t: Type) -> Term:
-        """The value of a topic; unknown within its set if no node of the relation publishes it."""
+        """The value of a topic; any value of its set if no node of the relation publishes it."""
         assert cell.kind == "topic", cell
         if cell.owner in self.span.constant_topics:
             return self.span.constant_topics[cell.owner]
@@ -458,7 +464,7 @@ class ClusterView:
         return self._known[index]
 
     def stamp(self, index: int) -> Term:
-        """The stamp of a topic; an unknown past one if no node of the relation publishes it."""
+        """The stamp of a topic; an unknown past time if no node of the relation publishes it."""
         if index in self.span.writers:
             return self.value_and_stamp(index)[1]
         terms = self.span.terms
@@ -472,7 +478,7 @@ class ClusterView:
         return mode if self.cluster is None else self.cluster.mode_at(mode, self.point, self.step)
 
     def fact_value(self, fact: core.Fact) -> Term:
-        """The value of a mode, an age or `in_control`; of `time` an unknown one."""
+        """The value of a mode, an age or `in_control`; an unknown value for `time`."""
         if fact.fact == "mode":
             return self.mode()
         if fact.fact == "in_control":
@@ -483,7 +489,7 @@ class ClusterView:
 
 
 def integer_if(terms: SolverTerms, condition: Term, then: Term, otherwise: Term) -> Term:
-    """The term `then` where the condition holds, else `otherwise`; both are integers."""
+    """The integer term `then` if the condition holds, otherwise the integer term `otherwise`."""
     if isinstance(condition, bool) or then is otherwise:
         return then if condition is not False else otherwise
     return terms.z3.If(condition, then, otherwise)

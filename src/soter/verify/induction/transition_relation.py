@@ -41,12 +41,12 @@ if TYPE_CHECKING:
 
 
 class TimeSpan:
-    """The span of time [0, end) in ns, of a run (`first`) or of any hyperperiod from any state.
+    """A span [0, end) in ns, at the start of a run (`first`) or in any hyperperiod, any state.
 
     `returning` adds the assumptions of P2b: the DM's reads are fresh, the gate has latched no fault
     and waits for no clean output, topics of nodes that hear plants or other modules are constant,
-    and modules whose mode `safer` reads are in AC. `stays`: the mode is SC throughout. `latching`:
-    a step whose fault depends on something uninterpreted latches its node (semantics.md).
+    and modules whose mode `safer` reads are in AC. `stays` keeps the mode SC. With `latching` a
+    step whose fault depends on something uninterpreted latches its node (semantics.md).
     """
 
     def __init__(
@@ -131,14 +131,14 @@ class TimeSpan:
         )
 
     def claim_conditions(self, view: ClusterView) -> tuple[Term, ...]:
-        """The conditions that `safe` and each lemma hold; a predicate that faults does not hold."""
+        """The conditions that `safe` and each lemma hold; a predicate that faults is false."""
         problem = self.problem
         return tuple(
             self.condition_of(p, view, fault=False) for p in (problem.safe, *problem.lemmas)
         )
 
     def condition_of(self, p: core.Predicate, view: ClusterView, *, fault: bool) -> Term:
-        """The condition that a predicate holds; `fault`: the value that it has where it faults."""
+        """The condition that a predicate holds; `fault` is the value if the predicate faults."""
         evaluation = Evaluation(self.terms, self.functions, view)
         evaluation.run(p.body)
         value = evaluation.expr(p.value)
@@ -149,9 +149,9 @@ class TimeSpan:
 
 
 class Cluster:
-    """Steps whose windows overlap; the effect of each is a term over the effects before it.
+    """Steps whose windows overlap; each effect is a term that depends on earlier effects.
 
-    `after`: the earliest time in ns at which a step after the cluster may start.
+    `after` is the earliest time in ns at which a step after the cluster may start.
     """
 
     def __init__(self, span: TimeSpan, steps: list[CalendarStep], after: int) -> None:
@@ -161,7 +161,7 @@ class Cluster:
         self.had_control, self.latched = dict(span.state.had_control), dict(span.state.latched)
 
     def define_effects(self) -> None:
-        """Defines the effects of all steps, judges the instants, and makes the state after them."""
+        """Defines the effects of all steps, judges the claims, and makes the state afterwards."""
         raise_if_interrupted()
         for effect in self.effects:
             self._define_effect(effect)
@@ -182,7 +182,7 @@ class Cluster:
     def topic_at(
         self, index: int, old: tuple[Term, Term], point: Point | None, own_step: CalendarStep | None
     ) -> tuple[Term, Term]:
-        """The value and stamp of a topic at a point (None: the end), as `own_step` reads it."""
+        """The value and stamp of a topic at a point, or at the end if None, as `own_step` reads."""
         terms = self.terms
         topic_type = self.span.problem.system.topics[index].type
         seen = [
@@ -219,13 +219,13 @@ class Cluster:
     def _is_effect_seen_at(
         self, effect: StepEffect, point: Point | None, own_step: CalendarStep | None
     ) -> Term:
-        """The condition that an effect is seen at a point; the step itself sees it at once."""
+        """The condition that an effect is seen at a point; `own_step` sees its effect at once."""
         if point is None or effect.step is own_step:
             return True
         return is_before(self.terms, effect.step.effect, point)
 
     def _unknown_effect(self, step: CalendarStep) -> StepEffect:
-        """Unknown terms for the effects of a step: others may read them before they are defined."""
+        """An effect of unknown terms, which other steps may read before the effect is defined."""
         span, terms = self.span, self.terms
         component = span.problem.system.components[step.component]
         effect = StepEffect(step)
@@ -243,19 +243,19 @@ class Cluster:
         return effect
 
     def _define_effect(self, effect: StepEffect) -> None:
-        """States how the effects of a step depend on its reads, by the role of its component."""
+        """Adds facts that tie a step's effects to its reads, by the role of the component."""
         component = self.span.problem.system.components[effect.step.component]
         if effect.step.begun:
             self._forget_locals(component.index)
         elif component.role == "dm":
             self._define_mode(effect)
         elif component.role == "ac":
-            self._state_gate(effect, dict.fromkeys(effect.published, True))
+            self._add_gate_facts(effect, dict.fromkeys(effect.published, True))
         else:
             self._define_publications(effect)
 
     def _define_mode(self, effect: StepEffect) -> None:
-        """Defines the mode after a step of the DM by its reads and the mode before."""
+        """Adds facts that define the mode after a DM step, from the reads and the mode before."""
         span, terms = self.span, self.terms
         step, problem = effect.step, span.problem
         view = ClusterView(span, self, step.start.at, step.start)
@@ -280,12 +280,12 @@ class Cluster:
         terms.state(effect.mode == integer_if(terms, effect.before == AC, from_ac, from_sc))
 
     def _define_publications(self, effect: StepEffect) -> None:
-        """Defines what a step of SC or of a node publishes, and its faults, by the step's Core."""
+        """Adds facts for the publications and faults of a step of SC or of a node, by its Core."""
         span, terms = self.span, self.terms
         step, system = effect.step, span.problem.system
         component = system.components[step.component]
         code = span.problem.core.nodes[component.index]
-        enabled = self._is_enabled(effect, step.start)
+        enabled = self._has_control_at(effect, step.start)
         view = ClusterView(span, self, step.start.at, step.start, enabled=enabled)
         evaluation = self._evaluation_of_step(component, code, view)
         fault, doubt = evaluation.fault, evaluation.doubt
@@ -315,13 +315,13 @@ class Cluster:
             had_control = terms.choice(runs, enabled, self.had_control[component.index], BOOL)
             self.had_control[component.index] = terms.new_constant_for(had_control, "had control")
         if runs is not True:
-            wanted = self._state_failsafe(component, effect, runs, wanted)
-        self._state_gate(effect, wanted)
+            wanted = self._add_failsafe_facts(component, effect, runs, wanted)
+        self._add_gate_facts(effect, wanted)
 
     def _evaluation_of_step(
         self, component: Component, code: core.NodeStep, view: ClusterView
     ) -> Evaluation:
-        """The executed Core of a step, after `on takeover` where the component takes control."""
+        """Executes a step's Core, and `on takeover` first if the component takes control."""
         terms, span = self.terms, self.span
         evaluation = Evaluation(terms, span.functions, view)
         for copy in code.locals:
@@ -345,16 +345,16 @@ class Cluster:
             self.locals[key] = terms.named_value(value, copy.type, copy.name)
 
     def _latch_after_fault(self, component: Component, effect: StepEffect) -> Term:
-        """Latches a node that faults; gives the condition that its step runs to the end."""
+        """Latches a node that faults; gives the condition that the node's step is not latched."""
         terms = self.terms
         bad = terms.any_of(self.latched[component.index], effect.fault, effect.doubt)
         self.latched[component.index] = bad = terms.new_constant_for(bad, "latched")
         return terms.negated(bad)
 
-    def _state_failsafe(
+    def _add_failsafe_facts(
         self, component: Component, effect: StepEffect, runs: Term, wanted: Mapping[int, Term]
     ) -> dict[int, Term]:
-        """States the fail-safe values of a latched node; gives when topics are then published."""
+        """Adds a latched node's fail-safe values as facts; gives when each topic is published."""
         terms, condition_by_topic = self.terms, {}
         for index, is_wanted in wanted.items():
             falls_back = index in component.failsafe
@@ -365,18 +365,18 @@ class Cluster:
             condition_by_topic[index] = terms.choice(runs, is_wanted, falls_back, BOOL)
         return condition_by_topic
 
-    def _state_gate(self, effect: StepEffect, wanted: Mapping[int, Term]) -> None:
-        """States which of the `wanted` publications pass the gate.
+    def _add_gate_facts(self, effect: StepEffect, wanted: Mapping[int, Term]) -> None:
+        """Adds facts about which of the `wanted` publications pass the gate.
 
-        They pass if the component is in control at the start and at the effect of the step, and may
-        pass if it is in control at one of these; AC may leave out any publication.
+        A publication passes if the component is in control at the step's start and effect, and may
+        pass if it is in control at only one of them; AC may leave out any publication.
         """
         terms = self.terms
         component = self.span.problem.system.components[effect.step.component]
-        starts = self._is_enabled(effect, effect.step.start)
+        starts = self._has_control_at(effect, effect.step.start)
         ends = starts
         if effect.step.effect is not effect.step.start:
-            ends = self._is_enabled(effect, effect.step.effect)
+            ends = self._has_control_at(effect, effect.step.effect)
         for index, (passes, _) in effect.published.items():
             may_pass = terms.all_of(wanted[index], terms.any_of(starts, ends))
             terms.state(terms.z3.Implies(passes, may_pass))
@@ -384,8 +384,8 @@ class Cluster:
                 must_pass = terms.all_of(wanted[index], starts, ends)
                 terms.state(terms.z3.Implies(must_pass, passes))
 
-    def _is_enabled(self, effect: StepEffect, point: Point) -> Term:
-        """The condition that the component of a step has control at a point; a node always has."""
+    def _has_control_at(self, effect: StepEffect, point: Point) -> Term:
+        """The condition that a step's component has control at a point; a node always has it."""
         component = self.span.problem.system.components[effect.step.component]
         if component.role == "node":
             return True
@@ -393,13 +393,13 @@ class Cluster:
         return ClusterView(self.span, self, point.at, point).mode() == wanted
 
     def _assert_equal(self, name: Term, value: Term, t: Type, where: Term) -> None:
-        """States that `name` has this value where the condition `where` holds."""
+        """Adds the fact that `name` has this value if the condition `where` holds."""
         terms = self.terms
         for a, b in zip(terms.leaves(name, t), terms.leaves(value, t), strict=True):
             terms.state(terms.z3.Implies(where, a == b))
 
     def _forget_locals(self, component: int) -> None:
-        """Makes a component's locals unknown, as its step began earlier with unknown reads."""
+        """Makes a component's locals unknown, because its step began earlier with unknown reads."""
         self.had_control[component] = self.terms.unknown_bool("had control")
         if self.span.latching:
             self.latched[component] = self.terms.unknown_bool("latched")
@@ -408,7 +408,7 @@ class Cluster:
             self.locals[component, v.name] = self.terms.unknown(v.type, v.name)
 
     def _judge_instants(self) -> None:
-        """Judges each instant at which a step had effect, after the last effect of the instant."""
+        """Judges the claims at each instant of an effect, after the last effect of the instant."""
         steps = [e.step for e in self.effects]
         # ordered, so that a query is the same in every run of Soter
         points = dict.fromkeys([*(s.effect for s in steps), *(s.start for s in steps)])
@@ -431,7 +431,7 @@ class Cluster:
             self._judge_instant(effect, place, self.terms.all_of(*is_last))
 
     def _judge_instant(self, effect: StepEffect, point: Point | None, counts: Term) -> None:
-        """Adds the claims right after one effect; `point` None: after the last of the cluster."""
+        """Adds the claims after one effect; if `point` is None, after all effects of a cluster."""
         span, terms, step = self.span, self.terms, effect.step
         at = step.effect
         holds = span.claim_conditions(ClusterView(span, self, at.at, point, step))
@@ -459,7 +459,7 @@ class Cluster:
         )
 
     def _holds_until_next(self, effect: StepEffect, point: Point | None) -> Term:
-        """The condition that `safe` holds at all times between an effect and the next one."""
+        """The condition that `safe` holds at all times from an effect until the next effect."""
         span, terms, at = self.span, self.terms, effect.step.effect
         now = terms.unknown_int("now")
         still = [

@@ -33,7 +33,7 @@ from soter.verify.claims.results import (
     Finding,
     ModuleResult,
 )
-from soter.verify.diagnosis.vacuity import tell_vacuity_in_row, vacuity_of_nodes
+from soter.verify.diagnosis.vacuity import mention_vacuity_in_claim, vacuity_of_nodes
 from soter.verify.induction.prove_or_refute import prove_by_induction, refuting_run
 from soter.verify.problem.problem import Assumption, subjects_in_words
 
@@ -62,7 +62,7 @@ def covered_inputs(
 def certificate_entry(
     result: InductionResult, system: str, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    """The module's entry in the manifest of a certificate; it adds no files."""
+    """The module's entry in the manifest of a certificate, for which no files are needed."""
     del stem, files
     problem, induction = result.problem, result.induction
     claims = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
@@ -105,7 +105,7 @@ UNTRIED = (typed.AgeRead, typed.ModeRead)
 
 
 class InductionResult(ModuleResult):
-    """The result for a module that is proved by induction, with that induction."""
+    """The result for a module proved by induction, together with the induction."""
 
     problem: InductionProblem
     induction: Induction
@@ -119,10 +119,10 @@ def verify_by_induction(
     search: Search | None = None,
     compiled: object = None,
 ) -> InductionResult:
-    """Verifies one module; `SoterError` D007 where the solver is not installed.
+    """Verifies one module by induction; raises `SoterError` D007 if the solver is not installed.
 
-    `search` looks for a run that refutes, if `refute` is true; None: no run is looked for.
-    `explain` and `compiled` are not used: every method takes them.
+    `search` looks for a run that refutes, unless it is None or `refute` is false. `explain` and
+    `compiled` are not used; they are parameters because every method takes them.
     """
     del explain, compiled
     began = time.perf_counter()
@@ -150,7 +150,7 @@ def verify_by_induction(
     findings["DM"] = _finding_on_dm(result)
     result.findings = {p: findings[p] for p in PROPERTIES}
     result.vacuity = vacuity_of_nodes(problem, induction.never)
-    tell_vacuity_in_row(result)
+    mention_vacuity_in_claim(result)
     if induction.uninterpreted:
         names = ", ".join(induction.uninterpreted)
         result.notes = (f"opaque (of equal arguments equal answers, and nothing else): {names}",)
@@ -159,7 +159,7 @@ def verify_by_induction(
 
 
 def _failsafe_finding(problem: InductionProblem) -> Finding:
-    """The finding on a fail-safe law, of which an induction shows nothing, as it acts on plants."""
+    """The finding on a fail-safe law; induction shows nothing about a law, which acts on plants."""
     if not problem.module.law:
         return Finding(ASSUMED, text=NO_LAW)
     text = "a fail-safe law acts on plants, of which a proof by induction says nothing"
@@ -256,7 +256,7 @@ def _return_conditions(problem: InductionProblem, induction: Induction) -> Itera
 
 
 def _return_assumptions(problem: InductionProblem, induction: Induction) -> Iterator[Assumption]:
-    """The unproved assumptions of P2b alone; the proof of `safe` does not need them."""
+    """The unproved assumptions that only P2b needs, and not the proof of `safe`."""
     for text in problem.progress_texts:
         yield Assumption("progress", f"progress, for P2b alone, proved by nobody: `{text}`")
     if induction.proved and induction.latching:
@@ -296,7 +296,7 @@ def _enter_refuting_run(
 
 
 def _finding_on_dm(result: ModuleResult) -> Finding:
-    """The finding that the generated C of the DM decides as declared, on the inputs tried."""
+    """The finding whether the DM's generated C decides as declared, on all inputs tried."""
     from soter.verify.deploy.dm_check import check_module  # noqa: PLC0415 - compiles the DM
 
     began = time.perf_counter()

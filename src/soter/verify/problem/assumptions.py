@@ -50,7 +50,7 @@ def assumptions_of(
     kind: ProblemKind,
     jumps: Jumps,
 ) -> list[Assumption]:
-    """The assumptions of a problem; a proof may later show SCHEME and some of `jumps`."""
+    """The assumptions of a problem; a proof may later show SCHEME and some assumptions on jumps."""
     assumptions = [
         *_world_assumptions(place, inputs, jumps),
         *map_assumptions(place),
@@ -115,7 +115,7 @@ def jumps_of(place: VerificationSystem) -> Jumps:
 
 
 def _judged_assumptions(place: VerificationSystem) -> list[Assumption]:
-    """The assumptions about topics of plants that `safe` reads and neither DM nor SC does."""
+    """The assumptions about plants' topics that `safe` reads but DM and SC do not read."""
     followed = {*read_by_dm(place), *read_by_sc(place)}
     assumptions = []
     for symbol in topic_reads(place.module.symbol.safe):
@@ -128,7 +128,7 @@ def _judged_assumptions(place: VerificationSystem) -> list[Assumption]:
 
 
 def _start_in_words(place: VerificationSystem, link: typed.AbstractionLink) -> str:
-    """The words for the instant from which an abstraction holds."""
+    """The instant from which an abstraction holds, in words."""
     if start_of_proof_plant(place.flat, place.home, link) is None:
         return f"the initial states of {link.name}"
     return f"the start of {link.instance}"
@@ -152,7 +152,7 @@ def _world_assumptions(place: VerificationSystem, inputs: Inputs, jumps: Jumps) 
         assumptions.append(Assumption(f"world {names}", in_words("world", names)))
     assumptions += [*_bound_assumptions(place, inputs), *_error_assumptions(place, inputs)]
     named = [
-        *(("set", name) for name in _unshown_topics(place)),
+        *(("set", name) for name in _topics_with_unproved_sets(place)),
         *(("left out", x.name) for x in inputs.left_out),
         *(("other", o.name) for o in inputs.others),
     ]
@@ -161,7 +161,7 @@ def _world_assumptions(place: VerificationSystem, inputs: Inputs, jumps: Jumps) 
 
 
 def _bound_assumptions(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
-    """The assumptions about bounds of disturbances and of topics by which others move plants."""
+    """The assumptions on bounds of disturbances, and of topics by which others move plants."""
     of_others = {i.name_in_proofs(place.system) for i in place.influences}
     drawn = zip(inputs.disturbances, inputs.disturbance_ranges, strict=True)
     for d, r in drawn:
@@ -171,7 +171,7 @@ def _bound_assumptions(place: VerificationSystem, inputs: Inputs) -> Iterator[As
 
 
 def _error_assumptions(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
-    """The assumptions about errors of estimates, and about the leaves that are exact."""
+    """The assumptions about measurement errors, and about leaves that are read without error."""
     for e, r in zip(inputs.errors, inputs.error_ranges, strict=True):
         text = in_words("error", f"{e.name} within {r.high:g}{_unit_text(e)}")
         yield Assumption(f"error {e.name} {r.high:g}", text)
@@ -183,11 +183,11 @@ def _unit_text(leaf: Leaf) -> str:
     return f" {leaf.unit}" if leaf.unit else ""
 
 
-def _unshown_topics(place: VerificationSystem) -> list[str]:
-    """The names of topics for which nothing shows that plants publish within their sets.
+def _topics_with_unproved_sets(place: VerificationSystem) -> list[str]:
+    """The names of topics for which no proof shows that plants publish within the declared sets.
 
-    For an abstraction these are all topics that the flying plant drives. Otherwise nothing is shown
-    only of lists, and of arrays too long to be numbered.
+    For an abstraction these are all topics that the flying plant drives; otherwise only topics with
+    lists, or with arrays too long to be numbered.
     """
     if place.abstract:
         names = {place.home_prefix + link.instance for link in place.module.symbol.verify.abstracts}
@@ -210,7 +210,7 @@ def topics_driven_by(c: Component) -> list[typed.TopicSymbol]:
 
 
 def _node_assumptions(place: VerificationSystem, chains: CauseEffectChains) -> list[Assumption]:
-    """The assumptions about nodes between plants and module; a proof follows only their times."""
+    """The assumptions on nodes between plants and module; proofs follow only their times."""
     assumptions: list[Assumption] = []
     if not place.abstract:
         return assumptions
@@ -243,7 +243,7 @@ def _node_assumptions(place: VerificationSystem, chains: CauseEffectChains) -> l
 
 
 def _source_in_words(place: VerificationSystem, chain: CauseEffectChain) -> str:
-    """Words on which plant's state a topic of the module shows."""
+    """The words that say which plant's state a topic of the module shows."""
     shown = place.plant_shown_by(
         next(i for i in place.driven if place.system.topics[i] is chain.topic)
     )
@@ -271,7 +271,7 @@ def _node_in_words(node: Component) -> str:
 
 
 def _exact_leaf_names(place: VerificationSystem, inputs: Inputs) -> list[str]:
-    """The leaves that DM and SC read of plants and that have no declared error."""
+    """The names of the leaves of plants that DM and SC read without a declared error."""
     measured = {(e.owner, e.path) for e in inputs.errors}
     leaf_names = []
     for index in dict.fromkeys([*read_by_dm(place), *read_by_sc(place)]):
@@ -308,7 +308,7 @@ def _timing_assumptions(
 def _declared_time_assumptions(
     place: VerificationSystem, times: Times, chains: CauseEffectChains
 ) -> Iterator[Assumption]:
-    """The assumptions about the times that the program declares, and those that it leaves out."""
+    """The assumptions about times that the program declares, and about times that it leaves out."""
     verify = place.module.symbol.verify
     for name in DELAYS:
         kind, text = "undeclared", name.replace("_", " ") + " within" * (name == "acts")
@@ -328,7 +328,7 @@ def _declared_time_assumptions(
 
 
 def _declared_time_in_words(times: Times, name: str) -> str:
-    """The words for a declared time."""
+    """A declared time in words; for `acts` the range from the least to the longest."""
     least = times.acts_least if name == "acts" else 0
     return f"{show_ns(least)} to " * bool(least) + show_ns(getattr(times, name))
 

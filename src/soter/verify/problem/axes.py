@@ -67,7 +67,7 @@ class Axes:
         diagnostics: Diagnostics,
         readers: Mapping[str, str] | None = None,
     ) -> None:
-        """Takes the inputs; `readers`: a function that reads each unbounded state, by its name."""
+        """Takes the inputs; `readers` has by each unbounded state a function that reads it."""
         self.readers = readers or {}
         self.place = place
         self.inputs = inputs
@@ -79,7 +79,7 @@ class Axes:
         """For each state the (topic, leaf) by which an axis names it."""
 
     def groups(self) -> tuple[Group, ...]:
-        """The declared groups, and a group for every bounded state that is on no axis."""
+        """The declared groups, and groups for all bounded states that are on no declared axis."""
         declared_groups = [self._declared_group(g) for g in self.place.module.symbol.verify.groups]
         groups = [g for g in declared_groups if g.axes]
         self._refuse_repeated_states(groups)
@@ -89,7 +89,7 @@ class Axes:
         return tuple(groups)
 
     def boundless_states(self) -> frozenset[int]:
-        """The numbers of the moving states that are on no declared axis and that nothing bounds."""
+        """The numbers of the moving states that have no declared axis and no bounds."""
         named = {
             self._state_named_by(a) for g in self.place.module.symbol.verify.groups for a in g.axes
         }
@@ -98,7 +98,7 @@ class Axes:
         return frozenset(s for s in moving if self._range_in_program(s) is None)
 
     def _refuse_repeated_states(self, groups: list[Group]) -> None:
-        """Reports R009 where two axes, perhaps by different names, are the same state."""
+        """Reports R009 if two axes, perhaps with different names, stand for the same state."""
         seen: set[int] = set()
         for group in groups:
             for axis in group.axes:
@@ -167,7 +167,7 @@ class Axes:
     def _even_breakpoints(
         self, low: float, high: float, cells: int, item: typed.TypedGridAxis | None = None
     ) -> tuple[float, ...]:
-        """The breakpoints of `cells` cells of one width; R010 where there are not enough floats."""
+        """The breakpoints of `cells` equal cells; reports R010 if too few floats lie between."""
         edges = [low + (high - low) * (i / cells) for i in range(cells)] + [high]
         if any(a >= b for a, b in pairwise(edges)) and item is not None:
             self.diagnostics.error(
@@ -179,7 +179,7 @@ class Axes:
         return tuple(edges)
 
     def topic_range_of_state(self, state: int) -> tuple[float, float]:
-        """The ends of the set of the topic that equals this state; (-inf, inf) if none does."""
+        """The ends of the set of a topic that equals the state; (-inf, inf) if no topic does."""
         for (topic, leaf), s in self.topic_leaves.items():
             bound = self.place.system.topics[topic].bounds[leaf]
             if s == state and bound is not None:
@@ -187,7 +187,7 @@ class Axes:
         return -math.inf, math.inf
 
     def _state_of_declared_axis(self, item: typed.TypedGridAxis) -> int | None:
-        """The state that an axis names, None with R009 if there is none; notes its topic."""
+        """The state that an axis names; None with R009 if it names none. Notes the axis's topic."""
         shown = leaf_name(item.topic.name if item.topic else item.instance, item.path)
         state, topic_leaf = self._state_named_by(item), self._topic_leaf_named_by(item)
         if topic_leaf is not None and state is not None:
@@ -215,14 +215,14 @@ class Axes:
         return None if at is None else self.topic_leaves.get(at)
 
     def _topic_leaf_named_by(self, item: typed.TypedGridAxis) -> tuple[int, int] | None:
-        """The (topic, leaf) that an axis names; None where it names a state."""
+        """The (topic, leaf) that an axis names; None if the axis names a state."""
         index = None if item.topic is None else self._topic_index(item.topic)
         if item.topic is None or index is None:
             return None
         return index, [p for p, _ in leaves(item.topic.type)].index(item.path)
 
     def _notes_on_driven_topic(self, item: typed.TypedGridAxis) -> tuple[str, ...]:
-        """Notes on how a plant drives the topic of an axis; none if no plant does."""
+        """Notes on how a plant drives an axis's topic; empty if no plant drives it."""
         for c in self.place.plants:
             for topic, value in c.plant.drives if c.plant is not None else ():
                 if topic is item.topic:
@@ -239,7 +239,7 @@ class Axes:
         return next((s.topics[symbol] for s in scopes if symbol in s.topics), None)
 
     def _default_groups(self, missing: list[int], *, alone: bool) -> list[Group]:
-        """Groups of states that no `grid` line names (`alone`: one each); R008 without a range."""
+        """Groups for states without a `grid` line, one each if `alone`; R008 without a range."""
         ranges = {s: self._range_in_program(s) for s in missing}
         unbounded = [s for s in missing if ranges[s] is None]
         if unbounded:
@@ -257,7 +257,7 @@ class Axes:
         ]
 
     def _needs_one_cell(self, state: int) -> bool:
-        """Whether a state never changes and no topic shows it, so that one cell is enough."""
+        """Whether a state needs only one cell, as it never changes and no topic shows it."""
         plants = [c.plant for c in self.place.plants if c.plant is not None]
         parts = nodes([e for p in plants for _, e in (*p.drives, *p.lets)])
         names = {n.variable.name for n in parts if isinstance(n, typed.VarRead)}
@@ -277,7 +277,7 @@ class Axes:
         )
 
     def _range_in_program(self, state: int) -> Interval | None:
-        """The range of a state: its start if it never changes, else its topic's set, or None."""
+        """The start of a state that never changes, otherwise its topic's set; None if unbounded."""
         if state in self.inputs.still:
             start = self.inputs.initial[state]
             return start if start.low < start.high else None
@@ -291,7 +291,7 @@ class Axes:
         return Axis(state, leaf.name, edges, unit=leaf.unit)
 
     def _state_by_topic_leaf(self) -> dict[tuple[int, int], int]:
-        """For each (topic, leaf) that equals a state the number of that state."""
+        """The number of the state that each topic leaf equals, by (topic, leaf)."""
         state_by_leaf = {}
         for c in self.place.plants:
             assert c.plant is not None
@@ -303,7 +303,7 @@ class Axes:
         return state_by_leaf
 
     def _driven_state(self, c: Component, e: typed.TypedExpr, path: Path) -> str | None:
-        """The full name of the state leaf that `e` equals at `path`; None where it equals none."""
+        """The full name of the state leaf that `e` equals at `path`; None if it equals no leaf."""
         assert c.plant is not None
         if isinstance(e, typed.VarRead):
             lets = dict(c.plant.lets)
@@ -334,10 +334,10 @@ class Axes:
 def states_that_wrap(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, groups: tuple[Group, ...]
 ) -> tuple[frozenset[int], dict[str, str]]:
-    """The states whose axis wraps around; for each other angle, by name, a reader of its turns.
+    """The states whose axes wrap around; for each other angle, by name, who reads its turns.
 
-    The reader is "" where nobody reads them, but the axis is not exactly a turn long. No state
-    wraps in a view, nor beside `enters` or a `shield`.
+    This reader is "" if nobody reads them but the axis is not exactly a turn long. In a view, or
+    with `enters` or a `shield`, no state wraps.
     """
     symbol = at.module.symbol
     settled = not (at.module.view or symbol.verify.enters is not None or symbol.shield is not None)
@@ -359,7 +359,7 @@ def states_that_wrap(
 
 
 def _is_full_turn(axis: Axis, off: float) -> bool:
-    """Whether the length of an axis differs from a full turn by at most `off` rad."""
+    """Whether an axis is as long as a full turn, with a difference of at most `off` rad."""
     low, high = axis.edges[0], axis.edges[-1]
     long = abs(high - low - TURN) <= off and max(-low, high) <= 1.5 * TURN
     return long and not (axis.open or axis.unbounded)
@@ -368,7 +368,7 @@ def _is_full_turn(axis: Axis, off: float) -> bool:
 def _readers_of_turns(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, state: int
 ) -> frozenset[str]:
-    """The names of the functions of a proof that depend on how many turns a state has made."""
+    """The names of a proof's functions that depend on the number of turns of a state."""
     turning = replace(quantities, turning=frozenset({state}))
     unit = generate_enclosures(at.system, core, at.module, turning, apart=True)
     return frozenset(name for name in unit.of_turns if name not in COVERED_BY_OTHERS)
@@ -382,9 +382,9 @@ def groups_that_wrap(groups: tuple[Group, ...], states: frozenset[int]) -> tuple
 
 
 def starts_on_axes(groups: tuple[Group, ...], starts: Sequence[Interval]) -> tuple[Interval, ...]:
-    """The ranges of starts, of which those on axes that wrap are moved there by whole turns.
+    """The ranges of starts; a range on an axis that wraps is moved onto the axis by whole turns.
 
-    A moved range begins on the axis, and may go on beyond its upper end.
+    A moved range begins on the axis, and may go on beyond the axis's upper end.
     """
     near = list(starts)
     for axis in (a for g in groups for a in g.axes if a.wraps):
@@ -401,14 +401,14 @@ def starts_on_axes(groups: tuple[Group, ...], starts: Sequence[Interval]) -> tup
 
 
 def law_with_same_wrapping(law: Problem, states: frozenset[int]) -> Problem:
-    """The problem of a fail-safe law, whose axes wrap only if they do so for its module, too."""
+    """The problem of a fail-safe law in which axes wrap only if they wrap for the module, too."""
     kept = law.quantities.turning & states
     quantities = replace(law.quantities, turning=kept)
     return replace(law, quantities=quantities, groups=groups_that_wrap(law.groups, kept))
 
 
 def far_turns_assumption(groups: tuple[Group, ...]) -> list[Assumption]:
-    """The assumption about states whose axis wraps around: they stay within `FARTHEST`."""
+    """The assumption that states on axes that wrap around stay within `FARTHEST`."""
     names = [a.name for g in groups for a in g.axes if a.wraps]
     if not names:
         return []

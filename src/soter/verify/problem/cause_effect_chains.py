@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class UnfollowedError(Exception):
-    """Raised for a path that cannot be followed; `node` is the component at which it ends."""
+    """Raised for a path of data that cannot be followed; the path ends at the component `node`."""
 
     def __init__(self, node: Component, why: str) -> None:
         super().__init__(why)
@@ -42,7 +42,7 @@ class UnfollowedError(Exception):
 
 
 def always_publishes(statements: Sequence[typed.TypedStmt], topic: typed.TopicSymbol) -> bool:
-    """Whether every way through the statements publishes the topic; loops count as empty."""
+    """Whether every way through the statements publishes the topic; loops count as skipped."""
     for s in statements:
         if isinstance(s, typed.TypedPublish) and s.topic is topic:
             return True
@@ -54,7 +54,7 @@ def always_publishes(statements: Sequence[typed.TypedStmt], topic: typed.TopicSy
 
 
 def require_publishes_in_every_step(node: Component, index: int) -> None:
-    """Raises `UnfollowedError` where a step of the node may leave out the topic of that index."""
+    """Raises `UnfollowedError` if a step of the node may not publish the topic of this index."""
     assert node.node is not None
     if node.node.extern:
         return  # an assumption names what an extern does
@@ -68,7 +68,7 @@ WAYS_MAX = 64
 
 @dataclass(frozen=True, eq=False)
 class DownstreamPath:
-    """The nodes on one path from an output to a plant, by whether and how their waits count."""
+    """The nodes on one path from an output to a plant, sorted by how the proof counts waits."""
 
     counted: tuple[Component, ...] = ()
     in_step: tuple[Component, ...] = ()
@@ -78,7 +78,7 @@ class DownstreamPath:
 def find_downstream_paths(place: VerificationSystem) -> list[DownstreamPath]:
     """Every path from the module's outputs to a plant of the flying system.
 
-    `UnfollowedError` where there are more than `WAYS_MAX`.
+    Raises `UnfollowedError` for more than `WAYS_MAX` paths.
     """
     ways: list[DownstreamPath] = []
     for index in place.home.outputs:
@@ -93,7 +93,7 @@ def find_downstream_paths(place: VerificationSystem) -> list[DownstreamPath]:
 def _paths_to_plant(
     place: VerificationSystem, index: int, seen: tuple[Component, ...]
 ) -> Iterator[tuple[Component, ...]]:
-    """The nodes, in order, on every path from a topic to a plant without circles."""
+    """The nodes, in order, on every path without circles from a topic to a plant."""
     for c in place.flat.components:
         if c.plant is not None and index in c.reads:
             yield seen
@@ -104,14 +104,14 @@ def _paths_to_plant(
 
 
 def _topics_read(place: VerificationSystem, c: Component) -> set[int]:
-    """The topics that a node reads, also those that reach it through a queue."""
+    """The topics that a node reads, including those that a queue collects for it."""
     assert c.node is not None
     topics = [place.flat.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
     return {t.index if t.queue_of is None else t.queue_of for t in topics}
 
 
 def _downstream_path(place: VerificationSystem, nodes: tuple[Component, ...]) -> DownstreamPath:
-    """The path through these nodes, each sorted into its kind."""
+    """The path through these nodes, with each node sorted by how the proof counts its wait."""
     counted: list[Component] = []
     in_step: list[Component] = []
     before = -1
@@ -133,7 +133,7 @@ def _downstream_path(place: VerificationSystem, nodes: tuple[Component, ...]) ->
 
 
 def _check_passes_on(place: VerificationSystem, node: Component, after: Component | None) -> None:
-    """Raises `UnfollowedError` where a node may pass on an old command, or none."""
+    """Raises `UnfollowedError` if a node may pass on an old command, or no command."""
     assert node.node is not None
     topics = place.flat.topics
     if any(topics[node.scope.topics[s.topic]].queue_of is not None for s in node.node.subscribes):
@@ -145,13 +145,13 @@ def _check_passes_on(place: VerificationSystem, node: Component, after: Componen
 
 
 def _takes_over_at_once(place: VerificationSystem, node: Component) -> bool:
-    """Whether a node with sensors takes over each command in the instant of SC, behind SC."""
+    """Whether a node with sensors passes on each command of SC in the same instant."""
     assert node.node is not None
     always = all(always_publishes(node.node.step, t) for t in node.node.publishes)
-    return always and is_output_state_of_proof(place, node) and _steps_with_sc(place, node)
+    return always and has_outputs_in_proof_state(place, node) and _steps_with_sc(place, node)
 
 
-def is_output_state_of_proof(place: VerificationSystem, node: Component) -> bool:
+def has_outputs_in_proof_state(place: VerificationSystem, node: Component) -> bool:
     """Whether the maps of `abstracts` read every topic that a node publishes."""
     assert node.node is not None
     shown = topic_reads(*(link.value for link in place.module.symbol.verify.abstracts))
@@ -159,7 +159,7 @@ def is_output_state_of_proof(place: VerificationSystem, node: Component) -> bool
 
 
 def _steps_with_sc(place: VerificationSystem, node: Component) -> bool:
-    """Whether a node is in the thread, is released whenever SC is, and has no declared times."""
+    """Whether a node runs in the thread whenever SC runs, and has no declared times."""
     if node.extern and not node.inline:
         return False
     sc = place.sc
@@ -174,7 +174,7 @@ def _topics_driven_by(c: Component) -> set[int]:
 
 
 def _reads_sensors(place: VerificationSystem, node: Component, behind: set[Component]) -> bool:
-    """Whether a node reads data of a plant that did not come through the nodes `behind`."""
+    """Whether a node reads a plant's data that does not come through the nodes `behind`."""
     flat, todo, seen = place.flat, [node], {node}
     while todo:
         c = todo.pop()
@@ -199,7 +199,7 @@ ROUTES_MAX = 64
 
 @dataclass(frozen=True, eq=False)
 class CauseEffectChain:
-    """One path from a sensor to a topic, with its stations in the flying system."""
+    """One path from a sensor to a topic of DM or SC, with the nodes of the flying system on it."""
 
     path: SensorPath
     topic: Topic
@@ -212,13 +212,13 @@ class CauseEffectChain:
 
     @property
     def stations(self) -> tuple[Component, ...]:
-        """The nodes of `path`; a first node without a plant (`source`) is left out."""
+        """The nodes of `path`, without a first node that is a source and reads no plant."""
         return self.nodes[len(self.nodes) - len(self.path.nodes) :]
 
 
 @dataclass(eq=False)
 class CauseEffectChains:
-    """All paths of data on which the times of one module depend."""
+    """All paths of data that determine the times of one module."""
 
     by_dm: list[CauseEffectChain] = field(default_factory=list)
     by_sc: list[CauseEffectChain] = field(default_factory=list)
@@ -233,7 +233,7 @@ class CauseEffectChains:
 
     @property
     def behind(self) -> list[Component]:
-        """The nodes behind SC whose wait counts, each once."""
+        """The nodes between SC and the plants whose waits count, each once."""
         return list(dict.fromkeys(n for w in self.ways for n in w.counted))
 
     @property
@@ -249,7 +249,7 @@ def cause_effect_chains_of(
     sc: list[int],
     ns: Callable[[typed.TypedExpr | None], int],
 ) -> CauseEffectChains:
-    """The paths to topics of DM and SC (indices in the proof's system), and from SC to plants."""
+    """The paths to topics `dm` and `sc` (indices in the proof's system), and from SC to plants."""
     chains = CauseEffectChains()
 
     def releases(c: Component) -> Releases:
@@ -276,7 +276,7 @@ def releases_of(
 
 
 def side_input_publishers(place: VerificationSystem) -> dict[str, str]:
-    """For each topic of SC that no plant drives, the one node that publishes it in every step."""
+    """The publisher of each topic of SC without a plant, if one node publishes in every step."""
     publisher_by_topic = {}
     for topic in topics_read_in_step(place.sc.node) if place.abstract and place.sc.node else ():
         in_proof, index = place.sc.scope.topics[topic], place.flying_index(topic)
@@ -292,12 +292,12 @@ def side_input_publishers(place: VerificationSystem) -> dict[str, str]:
 
 
 def _is_published_by(c: Component, index: int) -> bool:
-    """Whether the node `c` publishes the topic of that index."""
+    """Whether the node `c` publishes the topic with this index."""
     return c.node is not None and index in c.writes
 
 
 def actuation_paths(chains: CauseEffectChains, least: int, acts: int) -> tuple[ActuationPath, ...]:
-    """The different paths from SC to the plants, in the form of `Schedule.outputs`."""
+    """The different paths from SC to the plants, in the form that `Schedule.outputs` has."""
     ways = [
         ActuationPath(least, acts, tuple(chains.releases[n] for n in w.counted))
         for w in chains.ways
@@ -354,7 +354,7 @@ def _publisher_name(way: _ChainPrefix, topic: Topic) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _ChainPrefix:
-    """The beginning of a path: its sensor (None: no plant) and the nodes behind it so far."""
+    """The beginning of a path: the sensor, or None without a plant, and the nodes after it."""
 
     sensor: Component | None
     nodes: tuple[Component, ...]
@@ -367,7 +367,7 @@ class _ChainPrefix:
 def _upstream_prefixes(
     place: VerificationSystem, index: int, seen: tuple[Component, ...]
 ) -> Iterator[_ChainPrefix]:
-    """Every path from a sensor or source to a topic of the flying system, without circles."""
+    """Every path without circles from a sensor or a source to a topic of the flying system."""
     flat, links = place.flat, place.module.symbol.verify.abstracts
     shown = {place.home_prefix + link.instance for link in links}
     for drive in flat.inputs:
@@ -386,7 +386,7 @@ def _upstream_prefixes(
 def _prefixes_through(
     place: VerificationSystem, c: Component, index: int, seen: tuple[Component, ...]
 ) -> Iterator[_ChainPrefix]:
-    """The paths to a topic that come through the component `c`, which publishes it."""
+    """The paths to a topic whose last component is `c`, which publishes the topic."""
     assert c.node is not None
     if c.role != "node":
         if not seen:

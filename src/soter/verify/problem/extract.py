@@ -30,7 +30,10 @@ from soter.verify.problem.axes import (
     starts_on_axes,
     states_that_wrap,
 )
-from soter.verify.problem.cause_effect_chains import is_output_state_of_proof, side_input_publishers
+from soter.verify.problem.cause_effect_chains import (
+    has_outputs_in_proof_state,
+    side_input_publishers,
+)
 from soter.verify.problem.inputs import Inputs, inputs_of
 from soter.verify.problem.left_out_states import states_to_leave_out
 from soter.verify.problem.problem import NS, ORDER, Assumption, Interval, Problem, Times
@@ -62,10 +65,10 @@ HELP_FOR_VIEWS = "it says when the state of a view may jump, and there is no vie
 
 
 def extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
-    """The problem of `module` of a flat system; `SoterError` with a code R... where there is none.
+    """The problem of a module of a flat system; raises `SoterError` R... if it has none.
 
-    It holds the problem of the module's fail-safe law where the module declares a law, and the
-    problems of all plans where SC has several.
+    It includes the problem of a declared fail-safe law, and the problems of all plans if SC has
+    several.
     """
     if module.plan is not None:
         alone = derived_systems.systems_by_plan(flat, module)
@@ -83,7 +86,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
 
 
 def _why_law_uncovered(problem: Problem) -> str:
-    """Why nothing is claimed of this problem's fail-safe law; "" where a claim may be made.
+    """The reason why no claim covers this problem's fail-safe law; "" if a claim may.
 
     Other modules of the same trusted part keep nothing once that part has stopped. For a map it is
     not settled whether a command that ends at an instant moves the plant once more.
@@ -169,7 +172,7 @@ def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Pr
 
 
 def _is_level_count_to_choose(module: Module) -> bool:
-    """Whether the number of levels is still to be chosen; a view has none, as AC has no control."""
+    """Whether the number of levels is still to be chosen; a view has no levels, so it is not."""
     symbol = module.symbol
     computed = symbol.ttf is None and symbol.rest is None
     return computed and symbol.verify.levels is None and not module.view
@@ -182,7 +185,7 @@ def _inputs_and_axes(
     kind: ProblemKind,
     diagnostics: Diagnostics,
 ) -> tuple[Inputs, Axes]:
-    """The inputs and axes without each unbounded state on which no claim depends."""
+    """The inputs and axes without the unbounded states on which no claim depends."""
     axes = Axes(at, inputs, diagnostics)
     sets = at.module.symbol.rest is None and kind == "flow"
     if not (sets and (boundless := axes.boundless_states())):
@@ -195,7 +198,7 @@ def _inputs_and_axes(
 def _quantities_and_groups(
     at: VerificationSystem, core: CoreSystem, axes: Axes, kind: ProblemKind, *, synthesize: bool
 ) -> tuple[Quantities, tuple[Group, ...], dict[str, str]]:
-    """The quantities, the groups, and for each angle that does not wrap a reader of its turns."""
+    """The quantities, the groups, and for each angle that does not wrap a reader of the turns."""
     quantities = axes.inputs.quantities()
     groups = axes.groups() if at.module.symbol.rest is None else ()
     if kind != "flow" or synthesize:
@@ -207,13 +210,13 @@ def _quantities_and_groups(
 def _problem_assumptions(
     at: VerificationSystem, groups: tuple[Group, ...], modes: Modes
 ) -> list[Assumption]:
-    """The assumptions of some problems alone, on a forced module, on axes and on modes."""
+    """The assumptions that only some problems have: on a forced module, on axes and on modes."""
     beside = [*_open_end_assumptions(groups), *far_turns_assumption(groups)]
     return [*_forced_assumptions(at.flat, at.home), *beside, *modes.assumptions]
 
 
 def _forced_assumptions(flat: System, module: Module) -> list[Assumption]:
-    """The assumption that the DM of a forced module switches, which it does not."""
+    """The assumption that the DM switches, if the module is forced and does not switch."""
     if module.forced is None:
         return []
     who = module.forced.upper()
@@ -236,9 +239,9 @@ def _check_shield(
 ) -> None:
     """Reports R007 for a shield that the proof does not cover.
 
-    A node that runs behind SC in SC's instant passes a command of AC on at SC's next release at the
-    latest, which W covers. Other nodes may pass it on at any later time. The result of a node that
-    also uses sensors or a memory has to be a state of the plants of the proof.
+    A node that runs behind SC in the same instant passes on a command of AC by SC's next release,
+    which W covers. Other nodes may pass it on at any later time. The result of a node that also
+    uses sensors or a memory has to be a state of the plants of the proof.
     """
     symbol = at.module.symbol
     if symbol.shield is None:
@@ -265,16 +268,16 @@ def _check_shield(
 
 
 def _may_delay_command(at: VerificationSystem, ways: Sequence[DownstreamPath]) -> bool:
-    """Whether a node on the way may pass on a command too late, or changes it by a memory."""
+    """Whether a node on a path to a plant may pass on commands late, or change them by memory."""
     late = any(w.inner and w.inner[0] not in w.in_step for w in ways)
     on_the_way = [n for w in ways for n in w.in_step]
     keeping = [n for n in on_the_way if n.node is not None and n.node.locals]
     followed = all(n.in_thread for n in on_the_way)
-    return late or not followed or not all(is_output_state_of_proof(at, n) for n in keeping)
+    return late or not followed or not all(has_outputs_in_proof_state(at, n) for n in keeping)
 
 
 def _ac_runs_between_steps(at: VerificationSystem) -> bool:
-    """Whether AC publishes between the steps of a plant that moves in steps."""
+    """Whether AC may publish between two steps of a plant that moves in steps."""
     ac, step = at.system.components[at.module.ac], at.plants[0].period_ns
     return ac.period_ns % step != 0 or ac.phase_ns % step != 0
 
@@ -282,7 +285,7 @@ def _ac_runs_between_steps(at: VerificationSystem) -> bool:
 def _refuse_unbounded_axes(
     at: VerificationSystem, groups: tuple[Group, ...], kind: ProblemKind, diagnostics: Diagnostics
 ) -> None:
-    """Reports R007 for an axis without ends if no proof of such a problem covers it."""
+    """Reports R007 for an axis without ends if no proof of this kind of problem covers it."""
     symbol = at.module.symbol
     wrong = {
         "an SC that is to be found": symbol.synthesized,
@@ -302,7 +305,7 @@ def _refuse_unbounded_axes(
 
 
 def problem_of_sets(flat: System, module: Module) -> Problem:
-    """The problem of a module that is proved by sets; `SoterError` R031 for any other module."""
+    """The problem of a module proved by sets; raises `SoterError` R031 for any other module."""
     problem = extract(flat, module)
     require_proof_by_sets(problem)
     return problem
@@ -345,26 +348,26 @@ def _refuse_clauses_of_other_proofs(module: Module, diagnostics: Diagnostics) ->
 
 
 def _state_ranges(groups: tuple[Group, ...], axes: Axes) -> tuple[Interval, ...]:
-    """The range of each state: its axis, else its topic's set, else (-inf, inf)."""
+    """The range of each state, from its axis, else from its topic's set, else (-inf, inf)."""
     interval_by_state = {a.state: Interval(a.edges[0], a.edges[-1]) for g in groups for a in g.axes}
     every = range(len(axes.inputs.states))
     return tuple(interval_by_state.get(s) or Interval(*axes.topic_range_of_state(s)) for s in every)
 
 
 def parameter_cases(problem: Problem) -> Iterator[tuple[int, ...]]:
-    """Every combination of parameter values; one empty combination where there are none."""
+    """Every combination of parameter values; a single empty combination without parameters."""
     yield from product(*(p.values for p in problem.parameters))
 
 
 def _schemes_of_states(
     at: VerificationSystem, inputs: Inputs, turning: frozenset[int]
 ) -> tuple[tuple[float, int, int], ...]:
-    """For each state the step of its plant's scheme in s, the scheme's order, the plant's number.
+    """For each state the step of the plant's scheme in s, the scheme's order, the plant's number.
 
-    The step is 0, that is not covered, where SC may publish between two steps of the plant, since
-    in the simulator its command then acts on the whole step. It is also 0 where the error of the
-    plant's scheme is not known (`grid/scheme_error.py`), and for a state whose axis wraps around,
-    as the sums of a state that is many turns off round by more.
+    The step is 0, for not covered, if SC may publish between two steps of the plant: in the
+    simulator a command then acts on the whole step. It is also 0 if the scheme's error is not known
+    (`grid/scheme_error.py`), and for a state whose axis wraps around, because sums of a state many
+    turns off have larger rounding errors.
     """
     schemes = []
     for state, leaf in enumerate(inputs.states):
@@ -395,7 +398,7 @@ def _check_case_count(at: VerificationSystem, inputs: Inputs, diagnostics: Diagn
 def _commands_to_try(
     at: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics, *, synthesize: bool
 ) -> tuple[tuple[float, ...], ...]:
-    """The commands to try for each control: the declared ones, or the ends and a middle value."""
+    """The commands to try for each control: the declared commands, or the ends and the middle."""
     symbol = at.module.symbol
     calculator = Calculator(diagnostics, at.module.scope.params)
     declared: dict[tuple[int, tuple[str, ...]], tuple[float, ...]] = {}

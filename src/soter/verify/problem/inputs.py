@@ -38,7 +38,7 @@ PARAMETER_VALUES_MAX = 4096
 
 @dataclass(eq=False)
 class Inputs:
-    """The leaves of all inputs and their ranges, in the order of `Quantities`."""
+    """The leaves of all inputs, with their ranges, in the order of `Quantities`."""
 
     states: list[Leaf] = field(default_factory=list)
     initial: list[Interval] = field(default_factory=list)
@@ -59,7 +59,7 @@ class Inputs:
     """States that no claim depends on (`left_out_states.py`)."""
 
     def without_states(self, left_out: Collection[int]) -> Inputs:
-        """A copy of these inputs in which the states `left_out` (numbers) are only noted."""
+        """A copy without the states numbered in `left_out`; it keeps only a note of them."""
         kept = [s for s in range(len(self.states)) if s not in left_out]
         return replace(
             self,
@@ -70,7 +70,7 @@ class Inputs:
         )
 
     def quantities(self) -> Quantities:
-        """The leaves alone, in the order in which the emitted functions take them."""
+        """Only the leaves, in the order in which the emitted functions take them."""
         return Quantities(
             tuple(self.states),
             tuple(self.controls),
@@ -82,7 +82,7 @@ class Inputs:
 
 
 def inputs_of(place: VerificationSystem, diagnostics: Diagnostics) -> Inputs:
-    """All inputs of a verification system; incomplete where this reports diagnostics."""
+    """All inputs of a verification system; some may be missing if errors are reported."""
     inputs = Inputs()
     for c in place.plants:
         _add_states(c, _start_in_run(place, c), inputs, diagnostics)
@@ -95,7 +95,7 @@ def inputs_of(place: VerificationSystem, diagnostics: Diagnostics) -> Inputs:
 
 
 def _start_in_run(place: VerificationSystem, c: Component) -> tuple[Value, ...] | None:
-    """The values with which a plant of the proof starts in a run; None where they are not known."""
+    """The initial values of a proof's plant in a run; None if these values are not known."""
     for link in place.module.symbol.verify.abstracts if place.abstract else ():
         if link.name == c.name:
             return start_of_proof_plant(place.flat, place.home, link)
@@ -105,7 +105,7 @@ def _start_in_run(place: VerificationSystem, c: Component) -> tuple[Value, ...] 
 def _add_states(
     c: Component, mapped: tuple[Value, ...] | None, inputs: Inputs, diagnostics: Diagnostics
 ) -> None:
-    """Adds a plant's states to `inputs`; `mapped`: their values at the start of a run, or None."""
+    """Adds a plant's states to `inputs`; `mapped` has their values at a run's start, or None."""
     plant = c.plant
     assert plant is not None
     variables = zip(plant.states, c.initial, c.initial_range, mapped or c.initial, strict=True)
@@ -148,7 +148,7 @@ def _add_states(
 def _add_parameter(
     leaf: Leaf, t: Type, span: Span, inputs: Inputs, diagnostics: Diagnostics
 ) -> None:
-    """Adds a parameter: a discrete state that never changes. Each of its values has a proof."""
+    """Adds a parameter, a discrete state that never changes; each value needs a separate proof."""
     values: tuple[int, ...] = ()
     if isinstance(t, BoolType):
         values = (0, 1)
@@ -171,7 +171,7 @@ def _add_parameter(
 
 
 def scalar_leaves(t: Type, value: Value) -> Iterator[Value]:
-    """The scalars in a value, in the order of `leaves`."""
+    """The scalars of a value, in the order in which `leaves` gives their types."""
     if isinstance(value, tuple):
         fields = getattr(t, "fields", None)
         parts = [f for _, f in fields] if fields is not None else [t.element] * len(value)  # type: ignore[attr-defined]
@@ -252,7 +252,7 @@ def _topics_read(place: VerificationSystem) -> dict[int, typed.TypedExpr | None]
 
 
 def _add_other_topics(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
-    """Adds the topics that DM or SC read and that no plant drives; R001 without a set."""
+    """Adds topics without a plant that DM or SC read; reports R001 for a topic without a set."""
     driven = place.driven
     for index, read in _topics_read(place).items():
         if index in driven:
@@ -279,10 +279,10 @@ def _add_other_topics(place: VerificationSystem, inputs: Inputs, diagnostics: Di
 
 
 def errors_by_state(problem: Problem) -> dict[int, float]:
-    """The largest |estimate - state| of each state, by its number, in the state's unit.
+    """The largest |estimate - state| of each state, by number, in the unit of the state.
 
-    The error includes the rounding of the sum of state and error. On an axis that wraps around it
-    also includes the rounding when the estimate is moved back by whole turns.
+    It includes the rounding of the sum of state and error, and on an axis that wraps around also
+    the rounding when whole turns are subtracted from the estimate.
     """
     error_by_state: dict[int, float] = {}
     for state, (topic, leaf) in problem.topic_leaf_of_state.items():
@@ -301,7 +301,7 @@ def errors_by_state(problem: Problem) -> dict[int, float]:
 
 
 def topics_seen_by_dm(problem: Problem) -> dict[int, TopicSymbol]:
-    """The topic that shows a state to the DM, by the state's number; its age counts in A."""
+    """The topic that shows each state to the DM, by the state's number; its age counts in A."""
     symbol = problem.module.symbol
     declared = {a.topic for g in symbol.verify.groups for a in g.axes if a.topic is not None}
     sc = problem.system.components[problem.module.sc]

@@ -42,9 +42,9 @@ MOVING = "derivative"
 def states_to_leave_out(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, boundless: Collection[int]
 ) -> tuple[frozenset[int], dict[str, str]]:
-    """The states of `boundless` that can be left out; for each other one, by name, who reads it.
+    """The unbounded states that can be left out, and for each other by name who reads it.
 
-    A state that is left out needs a solution that lasts as long as a run, so its rate may grow no
+    A state that is left out needs a solution for the whole run; its rate may therefore grow no
     faster than the states that are left out (Gronwall).
     """
     try:
@@ -59,14 +59,14 @@ def states_to_leave_out(
             read[states[s].name] = reader_in_words([*those], quantities)
         found -= {*wanted}
     leaves = [states[s] for s in found]
-    ends = [leaf.name for leaf in leaves if not _lasts_for_ever(at, leaf, leaves)]
+    ends = [leaf.name for leaf in leaves if not _has_unlimited_solution(at, leaf, leaves)]
     if ends:
         return frozenset(), read | dict.fromkeys(ends, "its own rate, by which it may end")
     return frozenset(found), read
 
 
 def reader_in_words(readers: Collection[str], quantities: Quantities) -> str:
-    """The words for one of these functions of a proof, which all read the same state."""
+    """The name, in words, of one of these functions of a proof, which read the same state."""
     reader = min(readers, key=lambda r: (r.startswith("constraint"), r))
     name, _, number = reader.rpartition("_")
     if name == MOVING:
@@ -80,7 +80,7 @@ def reader_in_words(readers: Collection[str], quantities: Quantities) -> str:
 def _functions_that_read(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, state: int
 ) -> frozenset[str]:
-    """The names of the functions of a proof that read a state; the rate of each state is one."""
+    """The names of a proof's functions that read a state; each state's rate is such a function."""
     without = replace(
         quantities, states=tuple(x for s, x in enumerate(quantities.states) if s != state)
     )
@@ -91,8 +91,8 @@ def _functions_that_read(
     return frozenset(names.get(name, name) for name in unit.boundless - together)
 
 
-def _lasts_for_ever(at: VerificationSystem, leaf: Leaf, others: Collection[Leaf]) -> bool:
-    """Whether a state that nothing bounds has a solution for all time, whatever it reads."""
+def _has_unlimited_solution(at: VerificationSystem, leaf: Leaf, others: Collection[Leaf]) -> bool:
+    """Whether an unbounded state has a solution for all time, with any values of what it reads."""
     plant = at.system.components[leaf.owner].plant
     assert plant is not None
     named = {x.member for x in others if x.owner == leaf.owner}
@@ -105,7 +105,7 @@ def _lasts_for_ever(at: VerificationSystem, leaf: Leaf, others: Collection[Leaf]
 
 
 def _is_finite(e: typed.TypedExpr, lets: Mapping[typed.Variable, typed.TypedExpr]) -> bool:
-    """Whether an expression certainly has a finite value, whatever finite values it reads."""
+    """Whether an expression is certainly finite if all values that it reads are finite."""
     if isinstance(e, typed.VarRead):
         return e.variable not in lets or _is_finite(lets[e.variable], lets)
     if isinstance(e, typed.TopicRead) or not _reads_anything(e):
@@ -134,7 +134,7 @@ def _reads_anything(e: typed.TypedExpr) -> bool:
 def _degree_of_growth(
     e: typed.TypedExpr, grown: Variables, lets: Mapping[typed.Variable, typed.TypedExpr]
 ) -> float:
-    """The highest power of these variables with which `e` may grow; inf where it is not known."""
+    """The highest power of these variables by which `e` may grow; inf if no power is known."""
     if isinstance(e, typed.VarRead):
         return (
             _degree_of_growth(lets[e.variable], grown, lets)

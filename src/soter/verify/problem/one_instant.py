@@ -41,7 +41,7 @@ ONE_TOPIC = "publish them as one topic: a record, made of one read"
 def check_one_instant(
     place: VerificationSystem, chains: CauseEffectChains, dropout: int, diagnostics: Diagnostics
 ) -> None:
-    """Reports R016 where one read may show several instants and the proof does not cover that."""
+    """Reports R016 if one read may show several instants and the proof does not cover this."""
     for who, ways in (("the DM", chains.by_dm), ("SC", chains.by_sc)):
         if not place.abstract:
             _require_equal_periods(
@@ -56,7 +56,7 @@ def check_one_instant(
         )
     shown = [w for w in chains.by_sc if w.sensor is not None]
     if _count_of_instants(place, shown, dropout) > 1:
-        why = _why_one_age(place, shown, dropout)
+        why = _why_one_age_needed(place, shown, dropout)
         if why:
             _refuse_several_instants(
                 place, "SC", shown, ("their ages may differ", why), diagnostics
@@ -66,7 +66,7 @@ def check_one_instant(
 def _may_show_several_instants(
     place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int
 ) -> bool:
-    """Whether the numbers that the DM reads may show several instants, which no stamp reveals."""
+    """Whether the numbers read by the DM may show several instants that no stamp tells apart."""
     topics = dict.fromkeys(w.topic for w in ways)
     numbers = sum(len(list(leaves(topic.type))) for topic in topics)
     by_nodes = dropout if any(w.nodes for w in ways) else 0
@@ -78,7 +78,7 @@ def _may_show_several_instants(
 def _count_of_instants(
     place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int
 ) -> int:
-    """The largest number of instants in one read: of paths, or of topics that may fall silent."""
+    """The largest number of instants in one read, counted by paths, or by topics with dropout."""
     every = {(w.path.sensor, w.nodes) for w in ways}
     if not dropout:
         return len(every)
@@ -86,7 +86,7 @@ def _count_of_instants(
 
 
 def _sensed_topics(place: VerificationSystem, way: CauseEffectChain) -> set[str]:
-    """The names of the topics of plants that a path begins with."""
+    """The names of the plants' topics with which a path begins."""
     if not way.nodes:
         return {way.topic.name}
     plant, first = way.sensor, way.nodes[0]
@@ -95,8 +95,10 @@ def _sensed_topics(place: VerificationSystem, way: CauseEffectChain) -> set[str]
     return {place.flat.topics[i].name for i in heard}
 
 
-def _why_one_age(place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int) -> str:
-    """Why the proof of SC needs one age for everything that SC reads; "" where it does not."""
+def _why_one_age_needed(
+    place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int
+) -> str:
+    """Why SC's proof needs the same age for all that SC reads; "" if the ages may differ."""
     seen: dict[tuple[Component, typed.Variable], tuple[int, int]] = {}
     for topic in dict.fromkeys(w.topic.index for w in ways):
         plant = place.driven[topic]
@@ -113,7 +115,7 @@ def _why_one_age(place: VerificationSystem, ways: Sequence[CauseEffectChain], dr
 
 
 def _expression_of_each_number(e: typed.TypedExpr) -> Iterator[typed.TypedExpr]:
-    """The expression of each number of a value; `e` for all if it has no parts."""
+    """The expression of each number in a value; `e` for every number if `e` has no parts."""
     if isinstance(e, typed.Aggregate):
         for element in e.elements:
             yield from _expression_of_each_number(element)
@@ -124,7 +126,7 @@ def _expression_of_each_number(e: typed.TypedExpr) -> Iterator[typed.TypedExpr]:
 def _variables_read(
     code: Iterable[object], lets: dict[typed.Variable, typed.TypedExpr]
 ) -> set[typed.Variable]:
-    """The states and disturbances that code of a plant reads."""
+    """The states and disturbances that a plant's code reads."""
     read = {e.variable for e in nodes(code) if isinstance(e, typed.VarRead)}
     behind = [lets[v] for v in read & lets.keys()]
     return (read - lets.keys()) | (_variables_read(behind, lets) if behind else set())
@@ -156,7 +158,7 @@ def _refuse_several_instants(
 def _require_equal_periods(
     place: VerificationSystem, who: str, topics: Sequence[int], diagnostics: Diagnostics
 ) -> None:
-    """Reports R016 where plants with different periods or phases publish parts of one read."""
+    """Reports R016 if SC or DM reads topics of plants with different periods or phases."""
     first, *others = topics or (None,)
     for index in others:
         assert first is not None

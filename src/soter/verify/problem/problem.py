@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Leaf:
-    """One scalar: a part of a plant's state or disturbance, or of a topic.
+    """A scalar part of a plant's state, of a disturbance or of a topic.
 
-    `owner` is the number of the component or topic; `member` the name of the state or disturbance,
-    "" for a topic; `path` leads from there to the scalar.
+    `owner` is the number of the component or topic; `member` is the name of the state or
+    disturbance, "" for a topic; `path` leads from the member to the scalar.
     """
 
     owner: int
@@ -49,7 +49,7 @@ class Leaf:
 
 @dataclass(frozen=True)
 class Quantities:
-    """The inputs of the emitted functions, in order (docs/verification.md, section 1)."""
+    """The inputs of the emitted functions, in the order of docs/verification.md, section 1."""
 
     states: tuple[Leaf, ...]
     controls: tuple[Leaf, ...]
@@ -63,7 +63,7 @@ class Quantities:
 
     @property
     def inputs(self) -> tuple[Leaf, ...]:
-        """All inputs that are forms, in order."""
+        """All inputs that the functions take as forms, in order."""
         return self.states + self.controls + self.disturbances + self.errors + self.others
 
 
@@ -107,47 +107,47 @@ class Times:
 
     @property
     def age_dm(self) -> int:
-        """A: the greatest age of the state that DM reads when it says "AC"."""
+        """A, the greatest age of the state that the DM reads when it decides for AC."""
         return self.schedule.age_dm
 
     @property
     def age_sc(self) -> int:
-        """A_sc: the greatest age of the state that SC reads."""
+        """A_sc, the greatest age of the state that SC reads."""
         return self.schedule.age_sc
 
     @property
     def late_dm(self) -> int:
-        """J_dm: how late the DM may start after its release."""
+        """J_dm, the longest time from a release of the DM to its start."""
         return self.schedule.dm.late
 
     @property
     def late_sc(self) -> int:
-        """J_sc: how late SC may start after its release, without waiting for the DM."""
+        """J_sc, the longest time from a release of SC to its start, without waiting for the DM."""
         return self.schedule.sc.late
 
     @property
     def response_dm(self) -> int:
-        """R_dm: the DM's response time, from its start."""
+        """R_dm, the longest time from the DM's start to its verdict."""
         return self.schedule.dm.response
 
     @property
     def response_sc(self) -> int:
-        """R_sc: SC's response time, from its start."""
+        """R_sc, the longest time from SC's start to its publication."""
         return self.schedule.sc.response
 
     @property
     def acts(self) -> int:
-        """L: the longest time from an output to its effect, nodes behind the module not counted."""
+        """L, the longest time from an output to its effect, without nodes in between."""
         return max(o.most for o in self.schedule.outputs)
 
     @property
     def acts_least(self) -> int:
-        """L_min: the shortest time from an output to its effect; nodes behind it not counted."""
+        """L_min, the shortest time from an output to its effect, without nodes in between."""
         return min(o.least for o in self.schedule.outputs)
 
     @property
     def replaced_window(self) -> int:
-        """W, of a shield: a command that was replaced longer ago than this no longer acts."""
+        """W, the longest time for which a command still acts after it was replaced; for shields."""
         return self.schedule.replaced_window
 
     @property
@@ -162,37 +162,37 @@ class Times:
 
     @property
     def h_star(self) -> int:
-        """H*, the least H; or h_0 where that is longer and SC reads topics that the DM does not."""
+        """H*, the least H; or h_0 if it is longer and SC reads topics that the DM does not read."""
         return self.schedule.least_horizon
 
     @property
     def horizon_ns(self) -> int:
-        """H, the look-ahead: the declared one, else the least one."""
+        """H, the time to look ahead, either as declared or the least one."""
         return self.h_star if self.horizon is None else self.horizon
 
     @property
     def delay_sc(self) -> int:
-        """d: the greatest age of the state that a command answers when it begins to act."""
+        """d, the greatest age of the state behind a command when the command begins to act."""
         return self.schedule.delay
 
     @property
     def jitter_sc(self) -> int:
-        """j: the length of the window in which a command begins to act."""
+        """j, the length of the time window in which a command begins to act."""
         return self.schedule.jitter
 
     @property
     def lease_ns(self) -> int:
-        """The longest time from a release of SC to the end of the lease that its step gives."""
+        """The longest time from a release of SC to the end of the lease given by its step."""
         return self.schedule.lease
 
     @property
     def between_states(self) -> int:
-        """The longest time between two states that the DM reads in turn: Delta + A + J_dm."""
+        """Delta + A + J_dm, the longest time between two states that the DM reads in turn."""
         return self.schedule.longest_between_states
 
     @property
     def start(self) -> int:
-        """h_0: the time by which a first command of SC acts that answers a state, not a default."""
+        """h_0, the time by which SC's first command acts that was computed from no default."""
         return self.schedule.start
 
 
@@ -217,12 +217,12 @@ class Axis:
     """The ends that the program writes, each with its text."""
 
     def end_in_words(self, value: float) -> str:
-        """The text of an end as the program writes it, else the number with six digits."""
+        """The text of an end as in the program; otherwise the number with six digits."""
         return dict(self.written).get(value, f"{value:.6g}")
 
     @property
     def far_breakpoints(self) -> tuple[float, ...]:
-        """The breakpoints, the outermost at -`FARTHEST` and `FARTHEST` if the axis has no ends."""
+        """The breakpoints; on an axis without ends the outermost are -`FARTHEST` and `FARTHEST`."""
         if not self.unbounded:
             return self.edges
         return (-FARTHEST, *self.edges[1:-1], FARTHEST)
@@ -230,7 +230,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Group:
-    """A group: states that are analysed together, on a grid."""
+    """A group of states that are analysed together on one grid."""
 
     axes: tuple[Axis, ...]
     span: Span | None = None
@@ -246,11 +246,11 @@ class DiscreteParameter:
 
 @dataclass(frozen=True)
 class Jumps:
-    """The jumps of an abstraction's state, which come when topics that its map reads change.
+    """The jumps of an abstraction's state when topics that the abstraction's map reads change.
 
-    `assumptions`: the assumptions about jumps. `entered`: for each one that says that the state
-    lies in R(H) after a jump, by key, the text if that is shown. `unkept`: why `enters` shows
-    nothing of the topics of some abstraction; "" where there is no such abstraction.
+    `assumptions` has the assumptions about jumps. `entered` has, by the key of each assumption that
+    the state lies in R(H) after a jump, the text to show if this is shown. `unkept` says why
+    `enters` shows nothing of the topics of some abstraction; "" if no abstraction is such.
     """
 
     assumptions: tuple[Assumption, ...] = ()
@@ -337,13 +337,13 @@ class Problem:
     """Why a declared law determines no such problem; "" where it does."""
 
     def may_start_with(self, parameter: tuple[int, ...]) -> bool:
-        """Whether a run may start with these values of the parameters."""
+        """Whether a run may start with this combination of parameter values."""
         pairs = zip(parameter, self.parameter_starts, strict=True)
         return all(value in starts for value, starts in pairs)
 
     @property
     def return_predicate(self) -> str:
-        """The name of the predicate of P2b: `back` if `safer` waits for other modes, or `safer`."""
+        """The name of P2b's predicate: `back` if `safer` waits for other modes, else `safer`."""
         return "back" if self.modes is not None and self.modes.waits else "safer"
 
     @property
@@ -354,10 +354,10 @@ class Problem:
 
     @property
     def lead_ns(self) -> int:
-        """The time in ns, beyond H, for which a command has to be harmless to be a moved command.
+        """The time in ns after H for which a command must be harmless to be a moved command.
 
-        It is not replaced until AC's next step, may act for some time after that, and answers an
-        estimate that has an age. No claim depends on this time.
+        The command is not replaced until AC's next step, may act for some time after that, and
+        answers an estimate of some age. No claim depends on this time.
         """
         period: int = self.system.components[self.module.ac].period_ns
         times = self.times
@@ -372,7 +372,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Assumption:
-    """One assumption: `text`, and a `key` that is the same in every proof with this assumption."""
+    """One assumption of a proof; `key` is the same in every proof with this assumption."""
 
     key: str
     text: str
@@ -389,7 +389,7 @@ FRESH = Assumption("fresh", in_words("fresh"))
 
 
 def latch_assumptions(module: ModuleSymbol) -> list[Assumption]:
-    """The assumptions that the operator acknowledges, if the DM waits for that to give control."""
+    """The assumptions on the operator's acknowledgements, if the DM waits for them."""
     return [
         Assumption(f"acknowledged {topic.name}", in_words("acknowledged", topic.name))
         for topic in module.acknowledgements
@@ -399,9 +399,9 @@ def latch_assumptions(module: ModuleSymbol) -> list[Assumption]:
 def assumptions_left(
     before: Iterable[Assumption], *, added: Iterable[Assumption], shown: Collection[str]
 ) -> tuple[Assumption, ...]:
-    """The assumptions `before` without those whose keys were `shown`, and the `added` ones.
+    """The assumptions `before` without those whose keys are in `shown`, then those in `added`.
 
-    `KeyError` where none of them, or more than one, has a key that was shown.
+    Raises `KeyError` if a key in `shown` belongs to no assumption or to several.
     """
     before = tuple(dict.fromkeys(before))
     keys = [a.key for a in before]
@@ -412,13 +412,13 @@ def assumptions_left(
 
 
 def assumption_texts(assumptions: Iterable[Assumption]) -> list[str]:
-    """The texts of assumptions, each once."""
+    """The texts of the assumptions, without repetitions."""
     return list(dict.fromkeys(a.text for a in assumptions))
 
 
 @dataclass(frozen=True)
 class ScopeGuarantee:
-    """A fact `what` that a module relies on and that `by`, outside of the module, has to keep.
+    """A fact `what` on which a module relies, and which `by`, outside of the module, must keep.
 
     `how` says why it holds: "enforced" (the language lets no other value arrive), "declared" (a
     range of the world, printed as an assumption), "guaranteed" (a part of the `safe` of the module
@@ -434,7 +434,7 @@ class ScopeGuarantee:
 
 @dataclass(frozen=True)
 class VerificationScope:
-    """The scope of a report. `also`: further modules with the same problem; `rest`: uncovered."""
+    """The scope of a report: `also` lists further modules covered, `rest` all that is uncovered."""
 
     also: tuple[str, ...] = ()
     rest: tuple[str, ...] = ()
@@ -447,9 +447,9 @@ class VerificationScope:
 class Modes:
     """The modes and margins of other modules that a module reads.
 
-    `topics`: for each topic that stands for a mode the module's name. `margins`: for each topic
-    that stands for a margin its assumption. `waits`: the modules whose modes `safer` reads.
-    `never`: why these may never all be in AC; "" if no reason is known.
+    `topics` has the module's name by each topic that stands for a mode; `margins` has an assumption
+    by each topic that stands for a margin. `waits` has the modules whose modes `safer` reads;
+    `never` says why these may never all be in AC, or "".
     """
 
     topics: Mapping[typed.TopicSymbol, str] = field(default_factory=dict)

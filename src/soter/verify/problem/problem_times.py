@@ -32,7 +32,7 @@ from soter.verify.problem.cause_effect_chains import (
 from soter.verify.problem.one_instant import check_one_instant
 from soter.verify.problem.problem import Times
 from soter.verify.problem.schedule import Releases, Schedule
-from soter.verify.problem.time_checks import check_times, times_of_map
+from soter.verify.problem.time_checks import check_times, times_without_delays
 from soter.verify.problem.verification_system import read_by_dm, read_by_sc
 
 if TYPE_CHECKING:
@@ -52,11 +52,11 @@ Pair = tuple[int, int]
 
 @dataclass(frozen=True)
 class AssumedTimes:
-    """The times that a proof of a module counts with.
+    """The times that the proof of a module assumes.
 
-    `nodes`: the times of followed nodes in the thread, by full name. `in_step`: the names of nodes
-    that run behind SC in its instant. `elsewhere`: the times of followed nodes in other processes;
-    they are zero for a node that runs behind SC in its instant.
+    `nodes` has by full name the times of followed nodes in the thread; `in_step` has the names of
+    nodes that run behind SC in the same instant; `elsewhere` has the times of followed nodes in
+    other processes, zero for a node that runs behind SC in the same instant.
     """
 
     dm: Pair
@@ -68,7 +68,7 @@ class AssumedTimes:
 
 @dataclass(frozen=True)
 class DeployedTimes:
-    """The least times that a proof may count with; meaningless where `timing` has a miss."""
+    """The least times that a proof must assume; without meaning if `timing` has a deadline miss."""
 
     timing: Timing
     dm: Pair
@@ -82,10 +82,10 @@ class DeployedTimes:
 
 
 def deployed_times(flat: System, module: Module, assumed: AssumedTimes) -> DeployedTimes | None:
-    """The least times that the declared execution times of a system allow a proof to count with.
+    """The least times that a proof must assume, by the declared execution times of a system.
 
-    None where the thread declares none. J of SC leaves out how long SC waits for the DM's verdict.
-    The verdict is there by the later of the times in `assumed` and in the calendar.
+    None if the thread declares none. J of SC leaves out how long SC waits for the DM's verdict,
+    which SC has by the later of the times in `assumed` and in the calendar.
     """
     if not flat.timed:
         return None
@@ -111,38 +111,38 @@ def deployed_times(flat: System, module: Module, assumed: AssumedTimes) -> Deplo
 
 
 def _wait_for_dm(step: ScheduledStep, dm: Component, sc: Component) -> int:
-    """The time in ns from the DM's first release after SC's last to SC's start; 0: no release."""
+    """The ns from the DM's first release since SC's last release to SC's start; 0 if none."""
     after = step.release - sc.period_ns
     first = after + 1 + (dm.phase_ns - after - 1) % dm.period_ns
     return step.start - first if first <= step.release else 0
 
 
 def _times_in_thread(timing: Timing, c: Component) -> Pair:
-    """The greatest lateness of a component of the thread, and its `wcet`, in ns."""
+    """The greatest lateness of a component of the thread and its `wcet`, both in ns."""
     row = timing.row(c)
     assert row is not None
     return (0 if row.worst is None else row.worst.start), row.task.wcet
 
 
 def _latest_release(timing: Timing, c: Component) -> int:
-    """The release, in ns, after which a component starts latest."""
+    """The release, in ns, that is followed by the component's latest start."""
     row = timing.row(c)
     assert row is not None
     return 0 if row.worst is None else row.worst.at
 
 
 def _lateness_without_waiting(step: ScheduledStep, dm: Component, ready: int) -> int:
-    """The lateness of SC in ns in a step that does not wait for the DM's verdict, else 0."""
+    """The lateness of SC in ns in a step that does not wait for the DM; 0 if the step waits."""
     due = step.release - (step.release - dm.phase_ns) % dm.period_ns
     waits = due >= dm.phase_ns and step.start <= due + ready
     return 0 if waits else step.start - step.release
 
 
 def _time_from_sc_to_end_of(flat: System, sc: Component, node: Component) -> int:
-    """The longest time in ns from SC's start to the end of a node that runs behind it.
+    """The longest time in ns from SC's start to the end of a node that runs behind SC.
 
-    Each component between the two counts that may be released with SC; steps of earlier releases
-    do not count, as they are over when SC starts.
+    Each component between the two counts if it may be released with SC; steps of earlier releases
+    do not count, because they are over when SC starts.
     """
     between = [
         c
@@ -163,8 +163,8 @@ def check_deployed_times(
 ) -> list[str]:
     """Checks the thread against the times of a proof; returns the assumptions, in words.
 
-    There are none without declared execution times. R034 where the thread's steps do not fit, R033
-    where it does not keep the times of the proof.
+    Without declared execution times it returns none. It reports R034 if the thread's steps do not
+    fit, R033 if the thread does not keep the times of the proof.
     """
     _check_other_processes(flat, module, assumed, diagnostics)
     deployment = deployed_times(flat, module, assumed)
@@ -197,7 +197,7 @@ def check_deployed_times(
 
 
 def _span_of_times(module: Module) -> Span:
-    """The place in the program where the times of a module, for all of its views, are declared."""
+    """The place in the program that declares the times of a module, including all of its views."""
     symbol = module.whole or module.symbol
     return symbol.verify.span or symbol.span
 
@@ -217,7 +217,7 @@ def _refuse_unknown_calendar(flat: System, module: Module, diagnostics: Diagnost
 def _check_other_processes(
     flat: System, module: Module, assumed: AssumedTimes, diagnostics: Diagnostics
 ) -> None:
-    """Reports R033 where a node of another process declares longer times than the proof uses."""
+    """Reports R033 if a node of another process declares longer times than the proof assumes."""
     parts = {n: flat.component(n) for n in assumed.elsewhere}
     pairs = {n: (assumed.elsewhere[n], (c.jitter_ns, c.wcet_ns or 0)) for n, c in parts.items()}
     if wrong := list(_exceeded_times(pairs, {})):
@@ -231,7 +231,7 @@ def _check_other_processes(
 
 
 def _exceeded_times(pairs: dict[str, tuple[Pair, Pair]], late_at: dict[str, int]) -> Iterator[str]:
-    """A sentence for each time that is longer than in the proof, with its release if known."""
+    """A sentence for each time that exceeds the proof's time, with its release if known."""
     for name, (assumed, needed) in pairs.items():
         who = {"dm": "the DM", "sc": "SC"}.get(name, f"`{name}`")
         if needed[0] > assumed[0]:
@@ -268,7 +268,7 @@ DELAYS = ("late_dm", "late_sc", "response_dm", "response_sc", "acts")
 def times_of(
     place: VerificationSystem, kind: ProblemKind, diagnostics: Diagnostics
 ) -> tuple[Times, CauseEffectChains]:
-    """Every time of a proof in ns and the paths of data behind it; reports times not covered."""
+    """Every time of a proof in ns, and the data paths behind it; reports times not covered."""
     module, verify = place.module, place.module.symbol.verify
     calculator = Calculator(diagnostics, module.scope.params)
 
@@ -307,7 +307,7 @@ def times_of(
     if not diagnostics.has_errors:
         check_times(place, kind, times, chains, diagnostics)
         check_one_instant(place, chains, schedule.dropout, diagnostics)
-    return (times_of_map(times) if kind == "map" else times), chains
+    return (times_without_delays(times) if kind == "map" else times), chains
 
 
 def assumed_times_of(schedule: Schedule, chains: CauseEffectChains) -> AssumedTimes:
@@ -332,7 +332,7 @@ def assumed_times_of(schedule: Schedule, chains: CauseEffectChains) -> AssumedTi
 
 
 def nodes_without_times(place: VerificationSystem, chains: CauseEffectChains) -> list[str]:
-    """The names of nodes on the paths for which not both times are declared."""
+    """The names of nodes on the data paths for which `late` or `response` is not declared."""
     nodes = dict.fromkeys([*chains.nodes, *chains.behind])
     return [
         n.name for n in nodes if None in (place.declared_time(n, w) for w in ("late", "response"))
@@ -352,7 +352,7 @@ def _check_max_age(place: VerificationSystem, index: int, diagnostics: Diagnosti
 
 
 def _chains_with_age_of_sc(chains: CauseEffectChains, most_ns: int) -> CauseEffectChains:
-    """A copy of the chains in which SC reads nothing that is older than `most_ns`."""
+    """A copy of the paths in which SC reads no state older than `most_ns`."""
     younger = [
         replace(c, path=replace(c.path, max_age=min(c.path.max_age or most_ns, most_ns)))
         for c in chains.by_sc
@@ -373,7 +373,7 @@ def _refuse_unfollowed(
 
 
 def summands_of_h_star(times: Times) -> dict[str, int]:
-    """The summands of H* by their names, in ns."""
+    """The summands of H* in ns, by their names in words."""
     schedule = times.schedule
     summands = {
         "the age of what the DM reads": times.age_dm,
@@ -387,7 +387,7 @@ def summands_of_h_star(times: Times) -> dict[str, int]:
 
 
 def horizon_in_words(times: Times) -> str:
-    """H and H* in words, with the largest term."""
+    """H and H* in words, with the largest summand of H*."""
     h, star = times.horizon_ns, times.h_star
     name, largest = max(summands_of_h_star(times).items(), key=lambda item: item[1])
     if times.horizon is None:

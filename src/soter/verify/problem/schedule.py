@@ -38,7 +38,7 @@ class Releases:
         return self.late + self.response
 
     def first_release_from(self, time: int, *, after: bool = False) -> int:
-        """The first release at or after `time`; with `after` the first one later than `time`."""
+        """The first release at or after `time`, or with `after` the first later than `time`."""
         ahead = time + 1 - self.phase if after else time - self.phase
         return self.phase + self.period * max(0, -(-ahead // self.period))
 
@@ -58,11 +58,11 @@ class SensorPath:
 
     @property
     def last_station(self) -> Releases:
-        """The node or sensor that publishes the topic."""
+        """The node or sensor that publishes the topic at the end of the path."""
         return self.nodes[-1] if self.nodes else self.sensor
 
     def state_age(self, reader: Releases, late: int) -> int:
-        """The greatest age of the state that a reader sees, which starts up to `late` ns late.
+        """The greatest age of the state that a reader sees if it starts up to `late` ns late.
 
         The bound is summed hop by hop. A node publishes at p what it read at its start s <= p. If
         the reader starts at t, and the node's release is r, then t - state = (t - r) + (r - state).
@@ -80,7 +80,7 @@ class SensorPath:
 
     @property
     def published_age(self) -> int:
-        """P: the greatest age of the published state, from the last node's start; 0 without nodes.
+        """P, the greatest age of the state at the last node's start; 0 without nodes.
 
         The stamp shows how long a sensor that is read directly was silent. It does not show the
         silence of a sensor behind a node.
@@ -104,7 +104,7 @@ class SensorPath:
 
     @cached_property
     def available_from(self) -> int:
-        """F: the time in ns from which on the topic shows a state and not its default.
+        """F, the time in ns after which the topic shows a state and not its default.
 
         A node that is released before F may still read the default; from F on no node does.
         """
@@ -115,7 +115,7 @@ class SensorPath:
 
     @property
     def early_node(self) -> int | None:
-        """The number of the first node that may publish before it reads a state, or None."""
+        """The number of the first node that may publish before it has read a state, or None."""
         path_to_node = SensorPath(self.sensor)
         for k, node in enumerate(self.nodes):
             seen = path_to_node.available_from
@@ -137,7 +137,7 @@ def _longest_age_of_sample(sensor: Releases, reader: Releases, late: int) -> int
 
 
 def _longest_hop(node: Releases, reader: Releases, late: int) -> int:
-    """The longest time from a node's release to the reader's start that sees its publication.
+    """The longest time from a node's release until a reader starts that sees its publication.
 
     Let t be the start. The node's release r may still be unseen at t if and only if its publication
     may be at t or later, t - r <= J + R (in one instant either may come first). The oldest
@@ -151,20 +151,20 @@ def _longest_hop(node: Releases, reader: Releases, late: int) -> int:
 
 @dataclass(frozen=True)
 class ActuationPath:
-    """A path from SC to the plant: through `nodes`, then `least` to `most` ns until it acts."""
+    """A path from SC through `nodes` to the plant; the command acts after `least` to `most` ns."""
 
     least: int = 0
     most: int = 0
     nodes: tuple[Releases, ...] = ()
 
     def time_to_effect(self, sc: Releases, published: int) -> int:
-        """The longest time from SC's release to the effect; SC publishes up to `published` later.
+        """The longest time from SC's release to the effect if SC publishes within `published` ns.
 
         A node that is released at r <= p may start before a publication at p (in one instant either
         may come first), and then reads it only after its next release. Let the publisher's release
-        be at 0, p = l in [0, W], and the node's last release at or before p at p - v. Then
-        v >= (o + l) mod g, where o is the difference of phases, and the next release is at p - v +
-        T; l - (o + l) mod g = g floor((o + l) / g) - o grows with l.
+        be at 0, p = l in [0, W], and the node's last release at or before p at p - v. Then v >= (o
+        + l) mod g, where o is the difference of phases, and the next release is at p - v + T; l -
+        (o + l) mod g = g floor((o + l) / g) - o grows with l.
         """
         before, within, delay = sc, published, 0
         for node in self.nodes:
@@ -175,14 +175,14 @@ class ActuationPath:
         return delay + within + self.most
 
     def time_from_output(self, late: int) -> int:
-        """The longest time to the effect of a publication that comes `late` after some instant."""
+        """The longest time from an instant to the effect of a publication up to `late` after it."""
         waits = sum(n.period + n.latest for n in self.nodes)
         return late + waits + self.most
 
     def least_time_to_effect(self, sc: Releases) -> int:
-        """The shortest time from a release of SC to its output's effect.
+        """The shortest time from a release of SC to the effect of SC's output.
 
-        SC may publish at its release, and the first node may start in the same instant if that lies
+        SC may publish at its release, and the first node may start in the same instant if this is
         in one of the node's windows [r, r + J]. If not, the node starts at its next release.
         """
         if not self.nodes:
@@ -209,7 +209,7 @@ class ActuationPath:
 
 @dataclass(frozen=True)
 class Schedule:
-    """One module between its sensors and its plant; every derived time is in ns."""
+    """The schedule of one module between sensors and plant; every derived time is in ns."""
 
     dm: Releases
     sc: Releases
@@ -221,7 +221,7 @@ class Schedule:
 
     @cached_property
     def age_dm(self) -> int:
-        """A: the greatest age of the state that the DM sees when it says "AC".
+        """A, the greatest age of the state that the DM sees when it decides for AC.
 
         With a `max_age` the time between publication and start is at most that, as an older stamp
         is stale; P may have passed before the publication. Otherwise the periods bound the age.
@@ -236,7 +236,7 @@ class Schedule:
 
     @cached_property
     def age_sc(self) -> int:
-        """A_sc: the greatest age of the state that SC sees. For SC nothing enforces `max_age`."""
+        """A_sc, the greatest age of the state that SC sees. For SC nothing enforces `max_age`."""
         ages = []
         for path in self._with_dropout(self.read_by_sc):
             by_periods = path.state_age(self.sc, self.latest_start_of_sc)
@@ -256,19 +256,19 @@ class Schedule:
 
     @cached_property
     def shortest_to_sc(self) -> int:
-        """r: the shortest time from a release of the DM to a release of SC at or after it."""
+        """r, the shortest time from a release of the DM to the next release of SC."""
         return (self.sc.phase - self.dm.phase) % gcd(self.dm.period, self.sc.period)
 
     @cached_property
     def longest_to_sc(self) -> int:
-        """G: the longest time from a release of the DM to the next release of SC at or after it."""
+        """G, the longest time from a release of the DM to the next release of SC."""
         return self.sc.period - gcd(self.dm.period, self.sc.period) + self.shortest_to_sc
 
     @cached_property
     def latest_start_of_sc(self) -> int:
-        """The longest time from SC's release to its start: SC is late, or waits for the DM.
+        """The longest time from SC's release to its start, as SC is late or waits for the DM.
 
-        The DM's verdict is there J_dm + R_dm after a release that is at least r before SC's.
+        The DM's verdict is in force J_dm + R_dm after a release that is at least r before SC's.
         """
         return max(self.sc.late, self.dm.latest - self.shortest_to_sc)
 
@@ -279,7 +279,7 @@ class Schedule:
 
     @cached_property
     def replaced_window(self) -> int:
-        """W: a command that was replaced more than W before a release acts on no state read there.
+        """The window W; a command replaced more than W before a release acts on no state read then.
 
         The state is A old at most, and a command acts up to L after the next one was published. Of
         the next one only the release is known. It was published before SC's next step began, as one
@@ -291,12 +291,12 @@ class Schedule:
 
     @cached_property
     def h_star(self) -> int:
-        """H*: the longest time from the state of the last "AC" verdict to SC's first effect.
+        """H*, the longest time from the state of the last "AC" verdict to SC's first effect.
 
         The last "AC" verdict is of release t_0, on a state of t_0 - A or later. The next verdict is
         not "AC", and it is in force by t_1 + J_dm + R_dm, where t_1 = t_0 + Delta. SC's first
-        release from t_1 on is at t_1 + o, o <= G. SC starts by o + J_sc, or when the verdict is
-        there. R_sc later it has published; a publication before the verdict is dropped.
+        release from t_1 on is at t_1 + o, o <= G. SC starts by o + J_sc, or when the verdict is in
+        force. R_sc later it has published; a publication before the verdict is dropped.
         """
         ready = self.longest_to_sc + self.sc.late + self.sc.response
         waited = self.dm.latest + self.sc.response
@@ -312,7 +312,7 @@ class Schedule:
 
     @cached_property
     def delay(self) -> int:
-        """d: the greatest age of the state that a command answers, when the command begins to act.
+        """d, the greatest age of the state that a command answers when the command begins to act.
 
         The state is A_sc old when SC starts and reads it; then the command goes to the plant.
         """
@@ -322,18 +322,18 @@ class Schedule:
 
     @cached_property
     def jitter(self) -> int:
-        """j: the length of the window in which the effect of SC's k-th output begins, for any k."""
+        """j, the length of the window in which the effect of SC's k-th output begins, for any k."""
         latest = max(o.time_to_effect(self.sc, self.latest_output) for o in self.outputs)
         return latest - min(o.least_time_to_effect(self.sc) for o in self.outputs)
 
     @cached_property
-    def are_windows_apart(self) -> bool:
+    def are_windows_short(self) -> bool:
         """Whether the window of each output is at most half of SC's period long."""
         return 2 * self.jitter <= self.sc.period
 
     @cached_property
     def read_age(self) -> int:
-        """D: the greatest age of the state that SC read for the command that acts at an instant.
+        """D, the greatest age of the state that SC read for the command that acts at an instant.
 
         SC read a state for output k at its release - A_sc or later. Outputs act in order, so output
         k acts until output k + 1 does: at most delta plus the latest effect after its release.
@@ -342,11 +342,11 @@ class Schedule:
         return self.age_sc + self.sc.period + latest
 
     def due_by(self, release: int) -> int:
-        """The instant in ns by which SC has published its output of a release.
+        """The instant in ns by which SC has published the output of its step at `release`.
 
-        SC starts J_sc late at most, or when the last DM that was released by then has given its
-        verdict. R_sc later it has published. At this instant the lease ends that the step before
-        gave (docs/proof.md, "When the trusted part stops").
+        SC starts J_sc late at most, or when the last DM released by then has given its verdict.
+        R_sc later it has published. At this instant the lease of the step before ends
+        (docs/proof.md, "When the trusted part stops").
         """
         starts = release + self.sc.late
         if self.dm.phase <= release:
@@ -356,7 +356,7 @@ class Schedule:
 
     @cached_property
     def lease(self) -> int:
-        """The longest time from a release of SC to the end of the lease that its step gives.
+        """The longest time from a release of SC to the end of the lease given by its step.
 
         The lease ends when the next output is due. The step of that output is released delta later,
         and it publishes at most Lambda + R_sc after its release, where Lambda bounds SC's start.
@@ -365,7 +365,7 @@ class Schedule:
 
     @cached_property
     def start(self) -> int:
-        """h_0: the time by which a first command of SC acts for which SC read states, no defaults.
+        """h_0, the time by which SC's first command acts that was computed from no default.
 
         It is the output of SC's first release at which all topics show a state. SC then starts J_sc
         late, or when the last DM that was released by then has given its verdict.
@@ -383,7 +383,7 @@ class Schedule:
 
     @cached_property
     def steps_that_read_defaults(self) -> int:
-        """The largest number of SC's steps that may read a default."""
+        """The largest number of SC's steps that may read a topic's default value."""
         steps = 0
         for path in self._with_dropout(self.read_by_sc):
             first = self.sc.first_release_from(path.available_from, after=bool(path.nodes))
@@ -392,7 +392,7 @@ class Schedule:
 
     @cached_property
     def least_horizon(self) -> int:
-        """The least H: H*; also h_0 where SC reads topics that the DM does not.
+        """The least H, which is H*, or also h_0 if SC reads topics that the DM does not.
 
         An "AC" verdict shows that the DM's topics have a state. SC's other topics have one by h_0.
         """

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 def topics_of_maps(system: System, module: Module) -> dict[typed.TopicSymbol, int]:
-    """The maps of a module, in the order in which `safe` reads them; none without `rest`."""
+    """The map topics that `safe` reads, in order, with their indices; none without `rest`."""
     if module.symbol.rest is None:
         return {}
     at = module.scope.topics
@@ -43,7 +43,7 @@ def topics_of_maps(system: System, module: Module) -> dict[typed.TopicSymbol, in
 
 
 def topics_of_proved_maps(place: VerificationSystem) -> dict[typed.TopicSymbol, int]:
-    """The maps of a verification system, without topics of plants that only fly."""
+    """The map topics of a verification system that no plant of the flying system drives."""
     flying = _driven_topics(place.flat)
     found = topics_of_maps(place.system, place.module)
     return {t: index for t, index in found.items() if place.flying_index(t) not in flying}
@@ -56,7 +56,7 @@ def _driven_topics(system: System) -> set[int]:
 
 
 def check_maps(place: VerificationSystem, diagnostics: Diagnostics) -> None:
-    """Reports R007, R011, R014 for topics that are read as maps and cannot be maps."""
+    """Reports R007, R011 or R014 for topics that are read as maps but cannot be maps."""
     rest, node = place.module.symbol.rest, place.flat.components[place.home.sc].node
     by_sc = {} if node is None else topic_reads(*node.step)
     at_rest = {} if rest is None else topic_reads(rest.condition)
@@ -94,7 +94,7 @@ def check_maps(place: VerificationSystem, diagnostics: Diagnostics) -> None:
 
 
 def map_assumptions(place: VerificationSystem) -> list[Assumption]:
-    """The assumption about each map that a place which the map calls free stays free."""
+    """The assumption for each map that a place that is free in the map stays free."""
     names = [place.system.topics[index].name for index in topics_of_proved_maps(place).values()]
     return [
         Assumption(
@@ -107,7 +107,7 @@ def map_assumptions(place: VerificationSystem) -> list[Assumption]:
 
 
 def identified_assumptions(program: typed.TypedProgram) -> list[Assumption]:
-    """The assumptions of a program that reads numbers which `soter identify` fitted to logs."""
+    """The assumptions for the numbers in a program that `soter identify` fitted to logs."""
     return [
         Assumption(f"identified {name}", in_words("identified", name, n, n + 1))
         for name, n in program.identified.items()
@@ -121,7 +121,7 @@ AGES = (
 
 
 def ttf_of_states(ttf: TypedExpr | None) -> TypedExpr | None:
-    """The part of `ttf` without the disjuncts that read an age; all of `ttf` if none is left."""
+    """The part of `ttf` without disjuncts that read an age; all of `ttf` if no part remains."""
     if ttf is None or not _reads_age(ttf):
         return ttf
     left = [part for part in disjuncts(ttf) if not _reads_age(part)]
@@ -131,7 +131,7 @@ def ttf_of_states(ttf: TypedExpr | None) -> TypedExpr | None:
 
 
 def note_on_ages(ttf: TypedExpr | None) -> tuple[str, ...]:
-    """A note about the parts of `ttf` that `ttf_of_states` leaves out, if there are some."""
+    """A note about the parts of `ttf` that `ttf_of_states` leaves out; empty without such parts."""
     left = ttf_of_states(ttf)
     if ttf is None or left is None or left is ttf:
         return ()
@@ -160,7 +160,7 @@ LOCAL_VALUES_MAX = 2**31
 def check_supported(
     place: VerificationSystem, diagnostics: Diagnostics, *, synthesize: bool
 ) -> ProblemKind:
-    """Reports constructs that proofs cannot follow; returns how the plants move, flow or map."""
+    """Reports constructs that proofs cannot follow; returns "flow" or "map", how plants move."""
     _check_controller(place, diagnostics, synthesize=synthesize)
     kinds: dict[str, Component] = {}
     for c in place.plants:
@@ -246,7 +246,7 @@ def _is_bounded(t: Type) -> bool:
 
 
 def _refuse_choices(place: VerificationSystem, diagnostics: Diagnostics) -> None:
-    """Reports R007 for each plant that chooses, of the proof and of the flying system."""
+    """Reports R007 for each plant that uses `choose`, in the proof or in the flying system."""
     seen: set[typed.PlantSymbol] = set()
     for c in (*place.plants, *place.flat.components):
         if c.plant is None or c.plant in seen:
@@ -338,7 +338,7 @@ def _check_predicates(place: VerificationSystem, diagnostics: Diagnostics) -> No
 
 
 def _refuse_unknown_facts(roots: object, where: str, diagnostics: Diagnostics) -> None:
-    """Reports R007 for expressions that read clocks, ages or modes; R003 for calls of externs."""
+    """Reports R007 for each read of a clock, age or mode, and R003 for each call of an extern."""
     assert isinstance(roots, (list, tuple))
     for node in nodes(roots):
         word = UNKNOWN_FACTS.get(type(node))

@@ -23,7 +23,7 @@ from soter.verify.problem.problem_times import (
     times_of,
 )
 from soter.verify.problem.supported_constructs import check_supported
-from soter.verify.problem.time_checks import times_of_map
+from soter.verify.problem.time_checks import times_without_delays
 from soter.verify.problem.verification_system import system_with_mode_topics, verification_system_of
 
 if TYPE_CHECKING:
@@ -41,11 +41,11 @@ CODES_OF_DEPLOYED_TIMES = ("R034", "R033")
 
 @dataclass(frozen=True)
 class SwitchLatency:
-    """The verdict on P1c of one deployed module; times in ns, None where `why` says why not.
+    """The verdict on P1c of a deployed module; `why` says why times are None. Times are in ns.
 
-    `horizon`: H of the proof. `needed`: the least H, from the sample behind the last "AC" verdict
-    to the first output of SC that acts. `largest`: the name and time of its largest term.
-    `diagnostics`: refusals of times that the proof counts with and the thread does not keep.
+    `horizon` is H of the proof. `needed` is the least H, from the sample behind the last "AC"
+    verdict to the first output of SC that acts. `largest` has the name and time of the largest
+    summand. `diagnostics` has errors for times that the proof assumes and the thread does not keep.
     """
 
     module: str
@@ -58,11 +58,11 @@ class SwitchLatency:
 
     @property
     def slack(self) -> int | None:
-        """H minus the least H that is needed, in ns; negative if P1c fails, None if not known."""
+        """H minus the least H needed, in ns; negative if P1c fails, None if it is not known."""
         return None if self.horizon is None or self.needed is None else self.horizon - self.needed
 
     def in_words(self) -> str:
-        """The result in words."""
+        """The verdict and the latency in words."""
         if self.slack is None or self.horizon is None or self.needed is None:
             return f"P1c {self.verdict}: {self.why}"
         word = "spare" if self.slack >= 0 else "missing"
@@ -75,7 +75,7 @@ class SwitchLatency:
 
 
 def switch_latency_of(flat: System, module: Module) -> SwitchLatency:
-    """The verdict on P1c of a module of a flat system whose thread declares execution times."""
+    """The verdict on P1c of a module, by the execution times that the thread declares."""
     verify = module.symbol.verify
     if verify.span is None:
         return SwitchLatency(module.name, UNKNOWN, why="there is no `verify` block")
@@ -112,7 +112,7 @@ def _latency_of_induction(flat: System, module: Module) -> SwitchLatency:
 
 
 def _latency_in_view(flat: System, module: Module) -> SwitchLatency:
-    """The latency of a module in one of its views."""
+    """The verdict on P1c of a module in one of its views."""
     at = verification_system_of(flat, module)
     diagnostics = Diagnostics()
     kind = check_supported(at, diagnostics, synthesize=module.symbol.synthesized)
@@ -135,7 +135,7 @@ def _latency_in_view(flat: System, module: Module) -> SwitchLatency:
     thread_times = Times(
         _schedule_with_thread_times(times.schedule, chains, deployment), horizon=times.horizon_ns
     )
-    thread_times = times_of_map(thread_times) if kind == "map" else thread_times
+    thread_times = times_without_delays(thread_times) if kind == "map" else thread_times
     needed = _least_horizon(
         thread_times.schedule, None if kind == "map" else deployment.handed_over
     )
@@ -153,7 +153,7 @@ def _latency_in_view(flat: System, module: Module) -> SwitchLatency:
 
 
 def _why_not_proved(times: Times, refusals: tuple[Diagnostic, ...]) -> str:
-    """Why `soter verify` does not prove P1c, which holds as deployed; "" where it may prove it."""
+    """Why `soter verify` does not prove P1c, although it holds as deployed; "" if it may do so."""
     if any(d.code == "R033" for d in refusals):
         return "the proof counts with other times (R033)"
     if times.h_star <= times.horizon_ns:
@@ -163,9 +163,9 @@ def _why_not_proved(times: Times, refusals: tuple[Diagnostic, ...]) -> str:
 
 
 def _least_horizon(schedule: Schedule, handed_over: int | None) -> int:
-    """The least H, in ns.
+    """The least H for the times of the thread, in ns.
 
-    `handed_over`: the longest time from a release of the DM to the start of SC that follows. If it
+    `handed_over` is the longest time from a release of the DM to the following start of SC. If it
     is known, and no node is behind SC, it replaces the sum in H*.
     """
     if handed_over is None or any(o.nodes for o in schedule.outputs):
@@ -178,7 +178,7 @@ def _least_horizon(schedule: Schedule, handed_over: int | None) -> int:
 def _schedule_with_thread_times(
     schedule: Schedule, chains: CauseEffectChains, deployment: DeployedTimes
 ) -> Schedule:
-    """The schedule with the thread's own times for each component that runs in the thread."""
+    """The schedule with the measured times of every component that runs in the thread."""
 
     def chain_in_thread(r: CauseEffectChain) -> CauseEffectChain:
         stations = zip(r.stations, r.path.nodes, strict=True)

@@ -1,7 +1,7 @@
 """Reports times that a proof does not cover, with the codes R011, R012, R015, R017 and R018.
 
 Purpose: `check_times` checks every condition under which the theorem covers a schedule.
-`times_of_map` reduces the times of plants that move in steps to periods and phases.
+`times_without_delays` reduces the times of plants that move in steps to periods and phases.
 Non-goals: the figures themselves (`schedule.py`).
 """
 
@@ -52,7 +52,7 @@ def check_times(
 
 
 def _check_command_delay(place: VerificationSystem, times: Times, diagnostics: Diagnostics) -> None:
-    """Reports R015 where SC is not done before its next step, or acts later than proofs cover."""
+    """Reports R015 if SC is not done before its next step, or acts later than proofs cover."""
     schedule, sc = times.schedule, place.sc
     span = place.module.symbol.verify.span or place.module.symbol.span
     symbol = place.module.symbol
@@ -72,7 +72,7 @@ def _check_command_delay(place: VerificationSystem, times: Times, diagnostics: D
             helps=(f"shorter times{enough}",),
         )
         return
-    if why and not schedule.are_windows_apart:
+    if why and not schedule.are_windows_short:
         excess = show_ns(times.jitter_sc - times.delta_sc // 2)
         diagnostics.error(
             "R015",
@@ -88,7 +88,7 @@ def _check_command_delay(place: VerificationSystem, times: Times, diagnostics: D
 
 
 def why_late_commands_uncovered(symbol: ModuleSymbol, schedule: Schedule) -> str:
-    """Why no proof covers commands that act over half a period late; "" where one does."""
+    """Why no proof covers commands that act over half a period late; "" if a proof covers them."""
     verify = symbol.verify
     wrong = {
         "with a node between SC and the plant": any(o.nodes for o in schedule.outputs),
@@ -101,7 +101,7 @@ def why_late_commands_uncovered(symbol: ModuleSymbol, schedule: Schedule) -> str
 
 
 def _jitter_in_words(times: Times) -> str:
-    """The sum j in words, with its parts (docs/proof.md, The model of time)."""
+    """The sum j and its summands in words (docs/proof.md, The model of time)."""
     parts = [*_parts_before_output(times), (times.acts, "`acts within`")]
     rest = times.jitter_sc - sum(ns for ns, _ in parts)
     parts_in_words = [f"{show_ns(ns)} {name}" for ns, name in parts if ns]
@@ -113,14 +113,14 @@ def _jitter_in_words(times: Times) -> str:
 
 
 def _parts_before_output(times: Times) -> list[tuple[int, str]]:
-    """The parts of the time from a release of SC to its publication: (ns, name)."""
+    """The parts (ns, name) of the time from a release of SC to its publication."""
     sc, waits = times.schedule.sc, times.schedule.latest_start_of_sc
     late = "`late sc`" if waits == sc.late else "waiting for the DM's verdict"
     return [(waits, late), (sc.response, "`response sc`")]
 
 
 def _advice_on_least_delay(times: Times) -> tuple[str, ...]:
-    """Advice to declare the least time until a command acts, where that is enough; else empty."""
+    """Advice to declare the least time until a command acts; empty if this would not be enough."""
     without = times.jitter_sc - (times.acts - times.acts_least)
     if 2 * without > times.delta_sc:
         return ()
@@ -130,10 +130,10 @@ def _advice_on_least_delay(times: Times) -> tuple[str, ...]:
 
 
 def _advice_on_period(schedule: Schedule, *, in_order: bool) -> str:
-    """Words for a period of SC with which SC is in time; "" where none is found.
+    """A clause that advises a period with which SC is in time; "" if no period is found.
 
-    Periods are tried one by one, as they change how long SC waits. The words name the module's
-    period, too, where P1a needs a longer one. With the found period no read may pass `max_age`.
+    Periods are tried one by one, as they change how long SC waits. The clause also names the
+    module's period if P1a needs a longer one. With the advised period no read may exceed `max_age`.
     """
     slower = schedule
     for _ in range(PERIODS_TRIED):
@@ -155,7 +155,7 @@ def _advice_on_period(schedule: Schedule, *, in_order: bool) -> str:
 def _check_known_nodes(
     place: VerificationSystem, chains: CauseEffectChains, diagnostics: Diagnostics
 ) -> None:
-    """Reports R017 where a time is declared for a node that is on no path."""
+    """Reports R017 if a time is declared for a node that is on no path of the proof."""
     verify = place.module.symbol.verify
     inner = [n for w in chains.ways for n in (*w.inner, *w.in_step)]
     stations = [n.name.removeprefix(place.home_prefix) for n in (*chains.nodes, *chains.behind)]
@@ -179,7 +179,7 @@ def _check_known_nodes(
 
 
 def _check_read_ages(times: Times, chains: CauseEffectChains, diagnostics: Diagnostics) -> None:
-    """Reports R011 where SC may read a topic that is older than its `max_age` or `age`."""
+    """Reports R011 if SC may read a topic that is older than its `max_age` or `age`."""
     topics_told = set()
     for chain in chains.by_sc:
         oldest = times.schedule.stamp_age_sc(chain.path)
@@ -204,7 +204,7 @@ def _check_read_ages(times: Times, chains: CauseEffectChains, diagnostics: Diagn
 
 
 def _check_first_results(chain: CauseEffectChain, diagnostics: Diagnostics) -> None:
-    """Reports R017 where a node may publish what it made of a default, under a fresh stamp."""
+    """Reports R017 if a node may publish a result of a default with a fresh stamp."""
     early = chain.path.early_node
     if early is None:
         return
@@ -239,13 +239,13 @@ def _check_node_fits(
         f"`{node.name}` may take {show_ns(at.latest)} from its release, longer than its period",
         node.span,
         also=((place.module.symbol.verify.span or place.module.symbol.span, "declared here"),),
-        notes=(_own_time_in_words(at), "no release is skipped, and outputs come in order"),
+        notes=(_step_time_in_words(at), "no release is skipped, and outputs come in order"),
         helps=(f"a period of {show_ns(at.latest)} or more, or shorter times",),
     )
 
 
-def _own_time_in_words(at: Releases) -> str:
-    """The time that a node or the DM may take, in words, as the sum of its parts."""
+def _step_time_in_words(at: Releases) -> str:
+    """The longest time of a step of a node or of the DM, in words, as a sum."""
     parts = f"{show_ns(at.late)} `late` + {show_ns(at.response)} `response`"
     return f"{show_ns(at.latest)} = {parts}, out of a period of {show_ns(at.period)}"
 
@@ -258,7 +258,7 @@ def _check_dm_fits(place: VerificationSystem, times: Times, diagnostics: Diagnos
         "R015",
         f"the DM may take {show_ns(dm.latest)} from its release, longer than its period",
         place.module.symbol.verify.span or place.module.symbol.span,
-        notes=(_own_time_in_words(dm), "no release is skipped, and verdicts come in order"),
+        notes=(_step_time_in_words(dm), "no release is skipped, and verdicts come in order"),
         helps=(f"a period of the module of {show_ns(dm.latest)} or more, or shorter times",),
     )
 
@@ -266,7 +266,7 @@ def _check_dm_fits(place: VerificationSystem, times: Times, diagnostics: Diagnos
 def _check_skipped_outputs(
     place: VerificationSystem, times: Times, chains: CauseEffectChains, diagnostics: Diagnostics
 ) -> None:
-    """Reports R018 where a node behind SC may skip an output, so that a command acts too long."""
+    """Reports R018 if a node behind SC may skip an output; the output before then acts too long."""
     schedule = times.schedule
     skips: list[Component] = []
     outputs = {o.nodes: o for o in schedule.outputs}
@@ -290,7 +290,7 @@ def _check_skipped_outputs(
 
 
 def _execution_time(node: Component) -> int:
-    """The declared longest execution time of a node's step, in ns; 0: none is declared."""
+    """The declared longest execution time of a node's step, in ns; 0 if none is declared."""
     return 0 if node.takes_ns is None else node.takes_ns[1]
 
 
@@ -334,7 +334,7 @@ def _check_map_times(
 def _check_whole_steps(
     place: VerificationSystem, times: Times, step: int, diagnostics: Diagnostics
 ) -> None:
-    """Reports R012 for periods and phases that are no multiples of the map's own period."""
+    """Reports R012 for periods and phases that are no multiples of the map's period."""
     symbol = place.module.symbol
     wrong = {
         "the plants": [c.period_ns for c in place.plants if c.period_ns != step],
@@ -357,7 +357,7 @@ def _check_whole_steps(
 def _check_every_step(
     place: VerificationSystem, chain: CauseEffectChain, step: int, diagnostics: Diagnostics
 ) -> None:
-    """Reports R012 where a sensor does not publish whenever the abstraction steps."""
+    """Reports R012 if a sensor does not publish at every step of the abstraction."""
     at = chain.path.sensor
     if not (at.phase or step % at.period):
         return
@@ -372,8 +372,8 @@ def _check_every_step(
     )
 
 
-def times_of_map(times: Times) -> Times:
-    """The times of a map: periods and phases alone, as it is read and moved at one instant."""
+def times_without_delays(times: Times) -> Times:
+    """The times for a map: only periods and phases, as reading and moving take no time."""
     schedule = times.schedule
     return replace(
         times,

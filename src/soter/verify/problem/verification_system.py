@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class VerificationSystem:
-    """A verification system, with its only module, its plants, and the flying system."""
+    """A verification system with its only module and its plants; `flat` is the flying system."""
 
     system: System
     module: Module
@@ -54,7 +54,7 @@ class VerificationSystem:
 
     @property
     def sc(self) -> Component:
-        """The safe controller."""
+        """The component that is the safe controller."""
         return self.system.components[self.module.sc]
 
     @property
@@ -68,7 +68,7 @@ class VerificationSystem:
         return driver_by_topic
 
     def flying_index(self, topic: typed.TopicSymbol) -> int:
-        """The index, in the flying system, of a topic that the module reads; -1 if it has none."""
+        """The index in the flying system of a topic that the module reads; -1 if it has none."""
         home = self.home
         for scope in (home.scope, *(self.flat.components[i].scope for i in (home.sc, home.ac))):
             if topic in scope.topics:
@@ -76,10 +76,10 @@ class VerificationSystem:
         return -1
 
     def declared_time(self, c: Component, kind: str) -> typed.TypedExpr | None:
-        """The declared `late` or `response` (`kind`) of a flying node; None if it has none.
+        """The declared `late` or `response` (`kind`) of a flying node; None if none is declared.
 
         The module names nodes without the name of the sub-system that holds them. For a node that
-        declares how long its steps take, that time is the response.
+        declares how long its steps take, this duration is the response.
         """
         if kind == "response" and c.takes_ns is not None:
             return typed.Literal(DURATION, c.span, c.takes_ns[1])
@@ -87,7 +87,7 @@ class VerificationSystem:
         return times.get(c.name.removeprefix(self.home_prefix))
 
     def plant_shown_by(self, index: int) -> str:
-        """The name of the flying plant whose state the topic of an index has to show."""
+        """The name of the flying plant whose state the topic with this index has to show."""
         plant = self.driven[index]
         if not self.abstract:
             return plant.name
@@ -96,18 +96,18 @@ class VerificationSystem:
 
     @property
     def home_prefix(self) -> str:
-        """The name of the sub-system that holds the module, with a dot; "" without a sub-system."""
+        """The name of the module's sub-system, with a dot; "" if the module is in no sub-system."""
         outer = name_of_subsystem(self.home)
         return outer + "." if outer else ""
 
 
 def verification_system_of(flat: System, module: Module) -> VerificationSystem:
-    """The verification system of a module of `flat`; `SoterError` where there is none."""
+    """The verification system of a module of `flat`; raises `SoterError` if it has none."""
     abstract = bool(module.symbol.verify.abstracts)
     apart = (
         _system_with_abstractions(flat, module)
         if abstract
-        else _system_with_own_plants(flat, module)
+        else _system_with_flying_plants(flat, module)
     )
     system, influences = with_influences_drawn(apart, apart.modules[0])
     plants = tuple(c for c in system.components if c.role == "plant")
@@ -126,7 +126,7 @@ def verification_system_of(flat: System, module: Module) -> VerificationSystem:
 
 
 def topics_read_in_step(node: typed.NodeSymbol) -> list[typed.TopicSymbol]:
-    """The topics that the step of a controller reads; for an extern all that it subscribes to."""
+    """The topics that a controller's step reads; for an extern all topics that it subscribes to."""
     if node.extern:
         return [s.topic for s in node.subscribes]
     return list(topic_reads(*node.step))
@@ -142,7 +142,7 @@ def topics_read_by_module(
 
 
 def read_by_dm(place: VerificationSystem) -> dict[int, None]:
-    """The driven topics that the DM's predicates read; if these are computed, those of the axes."""
+    """The driven topics that the DM's predicates read; if computed, the topics of the axes."""
     symbol, module = place.module.symbol, place.module
     predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
     topics = list(topic_reads(*predicates))
@@ -169,14 +169,14 @@ def system_with_all_predicates(at: VerificationSystem) -> System:
 
 
 def _system_with_abstractions(flat: System, module: Module) -> System:
-    """The module beside the plants that `abstracts` names."""
+    """The system of the module and the plants that `abstracts` names."""
     links = module.symbol.verify.abstracts
     plants = [typed.InstanceSymbol(n.name, n.plant, {}, {}, n.span) for n in links]
     return derived_systems.proof_system(flat, module, plants)
 
 
-def _system_with_own_plants(flat: System, module: Module) -> System:
-    """The module's own system without the plants that the proof does not look at."""
+def _system_with_flying_plants(flat: System, module: Module) -> System:
+    """The module with only those plants of its system that it reads or that an axis names."""
     scope = {
         **flat.components[module.sc].scope.topics,
         **flat.components[module.ac].scope.topics,
@@ -198,9 +198,9 @@ def _system_with_own_plants(flat: System, module: Module) -> System:
 
 
 def system_under_law(flat: System, module: Module) -> tuple[System, Module]:
-    """The flying system in which a node that publishes the fail-safe law replaces SC.
+    """The flying system with SC replaced by a node that publishes the fail-safe law.
 
-    Also its module, which declares no law there. Times stay those of SC.
+    It also gives the module, which then declares no law. The times of SC are kept.
     """
     sc = flat.components[module.sc]
     made = derived_systems.with_components(flat, [_node_of_law(sc, module)])
@@ -213,9 +213,9 @@ def system_under_law(flat: System, module: Module) -> tuple[System, Module]:
 
 
 def why_law_not_held(flat: System, module: Module) -> str:
-    """Why actuators do not hold the law that the module publishes; "" where they do.
+    """Why actuators do not hold the law that the module publishes; "" if they hold it.
 
-    A node that reads the module's outputs stops with the trusted part. So no actuator gets the
+    A node that reads the module's outputs stops with the trusted part, so no actuator gets the
     command that this node would have made of the law.
     """
     outputs = set(module.outputs)
@@ -248,8 +248,8 @@ SC, AC = MODE.members.index("SC"), MODE.members.index("AC")
 def system_with_mode_topics(flat: System, module: Module) -> tuple[System, Module, Modes]:
     """A system with a topic for each other mode and each margin that a module reads.
 
-    SC, `ttf` and `safer` read these topics instead, and nobody publishes them. Also the module
-    there, and its modes. Without such reads system and module stay the same.
+    SC, `ttf` and `safer` read these topics instead, and nobody publishes the topics. It also gives
+    the changed module, and the modes. Without such reads system and module stay the same.
     """
     sc = flat.components[module.sc]
     modules_read = _modules_by_read(flat, module, sc)
@@ -292,7 +292,7 @@ def system_with_mode_topics(flat: System, module: Module) -> tuple[System, Modul
 
 
 def _topic_of_module(index: int, symbol: typed.TopicSymbol, kind: str, of: Module) -> Topic:
-    """The topic that stands for the mode or margin of a module."""
+    """The topic that stands for the mode, or for the margin, of the module `of`."""
     is_mode = kind == "mode"
     return Topic(
         index=index,
@@ -325,7 +325,7 @@ def expression_with_others_in_ac(e: typed.TypedExpr, modes: Modes) -> typed.Type
 
 
 def _modules_by_read(flat: System, module: Module, sc: Component) -> dict[Read, Module]:
-    """The module behind each read of a mode or margin; a module's own mode is left out."""
+    """The module that each read of a mode or margin names, except reads of its own mode."""
     known = {**sc.scope.modules, **module.scope.modules}
     return {
         (kind, s): flat.modules[known[s]]
@@ -335,7 +335,7 @@ def _modules_by_read(flat: System, module: Module, sc: Component) -> dict[Read, 
 
 
 def _reads_of_modules(module: Module, sc: Component) -> list[Read]:
-    """The modes and margins that SC, `ttf` and `safer` read: ("mode" or "margin", the module)."""
+    """The reads of modes and margins in SC, `ttf` and `safer`, as ("mode" or "margin", module)."""
     symbol, node = module.symbol, sc.node
     assert node is not None
     code = () if node.extern else (*node.step, *(node.takeover or ()))
@@ -359,8 +359,8 @@ def _modes_read_in(module: Module, *predicates: str) -> list[int]:
 def _why_never_in_ac(flat: System, module: Module, waits: list[int]) -> str:
     """Why the modules that `module` waits for may never all be in AC; "" if no reason is known.
 
-    Either one of them is forced to SC, or its decision depends, directly or through other modes,
-    on this module, which is in SC while it waits.
+    A reason is that one is forced to SC, or that its decision depends, directly or through other
+    modes, on this module, which is in SC while it waits.
     """
     for i in waits:
         awaited = flat.modules[i]
@@ -382,7 +382,7 @@ def _why_never_in_ac(flat: System, module: Module, waits: list[int]) -> str:
 
 @lru_cache(maxsize=256)
 def _cached_topic_symbol(kind: str, name: str, module: typed.ModuleSymbol) -> typed.TopicSymbol:
-    """A symbol for a mode or margin, cached: symbols are compared by identity."""
+    """The topic symbol for a mode or margin, cached because symbols are compared by identity."""
     if kind == "mode":
         return typed.TopicSymbol(f"{name}.mode", module.span, MODE, False, {}, None, None)
     return typed.TopicSymbol(f"{name}.any_margin", module.span, FLOAT, False, {}, None, None)

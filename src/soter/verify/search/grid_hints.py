@@ -55,10 +55,10 @@ def groups_to_try(found: ModelStates, named: Collection[int] = ()) -> list[list[
 def grid_hints(
     found: ModelStates, named: Collection[int] = ()
 ) -> tuple[list[tuple[int, Hints]], int]:
-    """Grids to try, each with its number of cells, fewest first; none for groups of many axes.
+    """Grids to try, each with its number of cells, smallest first; none for groups of many axes.
 
-    `named`: the states that have an axis in the program. The second result: the number of the first
-    grids that are quick to try, as their groups have few axes.
+    `named` has the states that have an axis in the program. The second result is how many of the
+    first grids are quick to try because their groups have few axes.
     """
     groups = groups_to_try(found, named)
     most = max(map(len, groups), default=0)
@@ -75,9 +75,11 @@ def grid_hints(
 def _grid_line(
     found: ModelStates, group: Sequence[int], cells: int, reached: str
 ) -> tuple[int, str]:
-    """The number of cells and the `grid` line for a group."""
+    """The number of cells of a grid for a group, and the `grid` line that declares it."""
     ends = [_ends_of_axis(found, state, reached) for state in group]
-    sizes = np.array([high - low for low, high in ends]) / np.maximum(found.hold_way[group], 1e-12)
+    sizes = np.array([high - low for low, high in ends]) / np.maximum(
+        found.largest_motion_in_hold[group], 1e-12
+    )
     counts = _counts_of_cells(np.sqrt(np.maximum(sizes, 1.0)), min(cells, CELLS[len(group)][-1]))
     axes = [
         f"{found.names[s]} in [{low!r}, {high!r}] / {n}"
@@ -87,7 +89,7 @@ def _grid_line(
 
 
 def _counts_of_cells(weights: Floats, cells: int) -> list[int]:
-    """The numbers of cells along axes, in proportion to their weights, about `cells` in all."""
+    """The numbers of cells along axes, in proportion to `weights`, with about `cells` in all."""
     weights = np.minimum(weights, LEAST * weights.min())
     scale = (cells / weights.prod()) ** (1.0 / len(weights))
     return [max(LEAST, int(scale * w)) for w in weights]
@@ -95,7 +97,7 @@ def _counts_of_cells(weights: Floats, cells: int) -> list[int]:
 
 def _ends_of_axis(found: ModelStates, state: int, reached: str) -> tuple[float, float]:
     low, high = (found.near if reached == "near" else found.far)[:, state]
-    more = BEYOND[reached] * (high - low) or float(found.hold_way[state])
+    more = BEYOND[reached] * (high - low) or float(found.largest_motion_in_hold[state])
     safe = found.ends[state]
     return (
         float(f"{safe[0]:.9g}") if isfinite(safe[0]) else rounded_outward(low - more, up=False),

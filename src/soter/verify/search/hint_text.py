@@ -30,9 +30,9 @@ COMMENT = "  // found by `soter verify --write`"
 class Hints:
     """Items of a `verify` block, or clauses of a module, each with its semicolon.
 
-    `added`: they are added to those of the program, and replace none. `longer`: the clause `rest`
-    with a longer time, to be tried if only the start is not led to rest in time. `farther`: hints
-    with larger bounds of `moves`, to be tried if those bounds are not shown.
+    With `added` they are added to the items of the program and replace none. `longer` is the clause
+    `rest` with a longer time, to try if only the start is not led to rest in time. `farther` has
+    hints with larger bounds of `moves`, to try if the bounds are not shown.
     """
 
     items: tuple[str, ...] = ()
@@ -46,7 +46,7 @@ class Hints:
 
 
 def with_hints(source: Source, module: ModuleSymbol, hints: Hints, comment: str = "") -> str:
-    """The text of `source`, which contains `module`, with these hints of the module."""
+    """The text of `source` with these hints in place in the declaration of `module`."""
     tokens, text = lex(source), source.text
     edits: list[tuple[int, int, str]] = []
     of_grids = BESIDE_GRIDS if module.rest is None else (*BESIDE_GRIDS, "shield")
@@ -63,7 +63,7 @@ def with_hints(source: Source, module: ModuleSymbol, hints: Hints, comment: str 
             gone = [(first, last)]
         else:
             continue
-        edits += [_removal(text, tokens.starts[a], tokens.ends[b]) for a, b in gone]
+        edits += [_removal_edit(text, tokens.starts[a], tokens.ends[b]) for a, b in gone]
     closed = tokens.starts[_closing_brace(tokens, opened)]
     lines = [f"  {hint}{comment}\n" for hint in hints.clauses]
     if hints.items and block is not None:
@@ -81,12 +81,12 @@ def with_hints(source: Source, module: ModuleSymbol, hints: Hints, comment: str 
 
 
 def _opening_brace(tokens: Tokens, start: int) -> int:
-    """The index of the token that opens the body of the declaration whose name is at `start`."""
+    """The index of the token that opens the body of a declaration with its name at `start`."""
     return tokens.kinds.index("{", tokens.starts.index(start))
 
 
 def _closing_brace(tokens: Tokens, opened: int) -> int:
-    """The index of the token that closes the body which token `opened` opens."""
+    """The index of the token that closes the body opened by the token `opened`."""
     depth = 0
     for k in range(opened, len(tokens.kinds)):
         depth += {"{": 1, "}": -1}.get(tokens.kinds[k], 0)
@@ -96,7 +96,7 @@ def _closing_brace(tokens: Tokens, opened: int) -> int:
 
 
 def _items_of_body(tokens: Tokens, opened: int) -> Iterator[tuple[int, int]]:
-    """The indices of the first and last token of each item in the body that `opened` opens."""
+    """The indices of the first and last token of each item in the body opened by `opened`."""
     first = k = opened + 1
     while tokens.kinds[k] != "}":
         k = _closing_brace(tokens, k) if tokens.kinds[k] == "{" else k
@@ -107,8 +107,8 @@ def _items_of_body(tokens: Tokens, opened: int) -> Iterator[tuple[int, int]]:
         k += 1
 
 
-def _removal(text: str, start: int, end: int) -> tuple[int, int, str]:
-    """The edit that removes an item and the spaces before it on its line."""
+def _removal_edit(text: str, start: int, end: int) -> tuple[int, int, str]:
+    """The edit that removes an item together with the spaces before it on the same line."""
     while text[start - 1] in " \t":
         start -= 1
     return start, end, ""

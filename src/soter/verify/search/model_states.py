@@ -48,11 +48,11 @@ final value, up to this share of the range that the state passed through."""
 
 @dataclass(eq=False)
 class ModelStates:
-    """Measurements, by runs of the model, of the states of a problem, one array entry a state.
+    """Measurements of a problem's states by runs of the model; arrays have one entry per state.
 
-    `names`: those in hints. `ends`: (states, 2), where `safe` ends along a line through the start;
-    inf: nowhere. `far`: (2, states), the ranges reached by runs whose start was pushed by commands
-    as far as SC can still rescue; `near`: half as far. `points`: the farthest starts.
+    `names` are the names in hints. `ends` (states, 2) says where `safe` ends on a line through the
+    start, inf if nowhere. `far` (2, states) has the ranges of runs pushed by commands as far as SC
+    can still rescue; `near` has half of that. `points` has the farthest starts.
     """
 
     problem: Problem
@@ -71,7 +71,7 @@ class ModelStates:
 
     @classmethod
     def of_problem(cls, problem: Problem, has_time_left: Callable[[], bool]) -> ModelStates:
-        """The measurements for a problem on any grid that holds the start, as one cell an axis."""
+        """Measures the states of a problem on one cell per axis, which must hold the start."""
         library, _ = library_of(problem)
         parameter = next(iter(parameter_cases(problem)))
         model = PointModel(
@@ -89,7 +89,7 @@ class ModelStates:
         return self.problem.times.delta_sc * NS
 
     def runs_from(self, starts: Sequence[Floats], holds: int) -> list[ModelTrace]:
-        """The runs under SC from each start, (states,), under each pattern, if they stay finite."""
+        """The runs under SC from each start (states,) with each pattern, if states stay finite."""
         made = (
             run_of_sc(self.model, x, p, holds * self.period_s, lambda: True, beyond=True)
             for x in starts
@@ -128,7 +128,7 @@ class ModelStates:
             if self.steps_done > STEPS_MAX or not has_time_left():
                 break
             pushed = self._pushed_states(start, u, w)
-            k = self._number_of_last_rescued(pushed)
+            k = self._last_rescued_index(pushed)
             self.points.append(pushed[k])
             for at, kept in ((k // 2, near), (k, far)):
                 kept += [np.array(pushed[: at + 1])]
@@ -138,7 +138,7 @@ class ModelStates:
         self.points += [start]
 
     def _holds_until_settled(self) -> int:
-        """The periods of SC until states have settled after pushes, doubled; `HOLDS` at most."""
+        """Twice the SC periods that states need to settle after pushes, but at most `HOLDS`."""
         pushed = [self._pushed_states(self.model.start, u, w)[:8][-1] for u, w in self._pushes()]
         needed = LEAST_HOLDS
         for x in pushed[:: max(1, len(pushed) // 3)]:
@@ -157,7 +157,7 @@ class ModelStates:
         return min(needed, HOLDS)
 
     def _pushes(self) -> list[tuple[Floats, Floats]]:
-        """Pairs of extreme commands and extreme disturbances."""
+        """Pairs of commands at ends of their ranges and disturbances at ends of theirs."""
         corners = [np.array(c) for c in product(*((u.low, u.high) for u in self.problem.controls))]
         if len(corners) > CORNERS_MAX:
             drawn = np.random.default_rng(0).choice(len(corners), CORNERS_MAX, replace=False)
@@ -187,7 +187,7 @@ class ModelStates:
             states.append(x)
         return states
 
-    def _number_of_last_rescued(self, states: list[Floats]) -> int:
+    def _last_rescued_index(self, states: list[Floats]) -> int:
         """The index of the last of `states` from which SC stays in `safe`, by bisection."""
         low, high = 0, len(states)
         while high - low > 1:
@@ -198,7 +198,7 @@ class ModelStates:
         return low
 
     def _rescued_runs(self, x: Floats) -> list[ModelTrace] | None:
-        """The runs under SC from a state, one per pattern; None where one leaves `safe`."""
+        """The runs under SC from a state, one per pattern; None if a run leaves `safe`."""
         traces = []
         for pattern in self.patterns:
             trace = run_of_sc(self.model, x, pattern, self.holds * self.period_s, lambda: True)
@@ -210,7 +210,7 @@ class ModelStates:
 
     @cached_property
     def rate_reads(self) -> Bools:
-        """Whether a state's rate, with SC, reads another state, shape (states, states)."""
+        """For each pair, shape (states, states), whether a state's rate with SC reads the other."""
         draw, (low, high) = np.random.default_rng(1), self._ranges_to_draw_from()
         states, controls = len(self.names), len(self.problem.controls)
         rates, laws = np.zeros((states, states), bool), np.zeros((controls, states), bool)
@@ -236,12 +236,12 @@ class ModelStates:
 
     @cached_property
     def needs_axis(self) -> Bools:
-        """Whether another state's rate, or SC, or `safe` depends on a state, shape (states,)."""
+        """Whether SC, `safe` or another state's rate depends on each state, shape (states,)."""
         others = self.rate_reads & ~np.eye(len(self.names), dtype=bool)
         return np.asarray(others.any(axis=0) | self.limited_in_safe.any(axis=1))
 
     def _ranges_to_draw_from(self) -> Floats:
-        """The ranges from which states are drawn: those reached, wider if a state stood still."""
+        """The ranges from which to draw states, as reached; wider for states that stood still."""
         low, high = self.far
         low, high = (
             np.where(np.isfinite(e), e, r) for e, r in zip(self.ends.T, (low, high), strict=True)
@@ -251,7 +251,7 @@ class ModelStates:
 
     @cached_property
     def compared_in_safe(self) -> Bools:
-        """Whether `safe` compares a state with another one, shape (states, states)."""
+        """For each pair of states, shape (states, states), whether `safe` compares the two."""
         draw, (low, high) = np.random.default_rng(2), self._ranges_to_draw_from()
         reach = (high - low) / 2
         found = np.zeros((len(self.names), len(self.names)), bool)
@@ -267,7 +267,7 @@ class ModelStates:
 
     @cached_property
     def limited_in_safe(self) -> Bools:
-        """Whether a smaller, or a larger, state can make `safe` false, shape (states, 2)."""
+        """Whether a smaller or larger value of a state can make `safe` false, (states, 2)."""
         draw, (low, high) = np.random.default_rng(3), self._ranges_to_draw_from()
         found = np.isfinite(self.ends)
         for _ in range(SAMPLES):
@@ -288,8 +288,8 @@ class ModelStates:
         return np.array([known.get(s, 0.0) for s in range(len(self.names))])
 
     @cached_property
-    def hold_way(self) -> Floats:
-        """The way of each state, (states,), from a read of SC to the end of the command."""
+    def largest_motion_in_hold(self) -> Floats:
+        """How far each state, (states,), may move from a read of SC to the end of the command."""
         draw, (low, high) = np.random.default_rng(4), self._ranges_to_draw_from()
         moved = np.zeros(len(self.names))
         u_ends, w_ends = _ends_of(self.problem.controls), _ends_of(self.problem.disturbances)
@@ -309,7 +309,7 @@ def _mixed_state(x: Floats, y: Floats, *states: int) -> Floats:
 
 
 def _ends_of(ranges: Sequence[Interval]) -> tuple[Floats, Floats]:
-    """The lower ends and the upper ends of the ranges, (n,) each."""
+    """The lower ends (n,) and the upper ends (n,) of the ranges."""
     return np.array([i.low for i in ranges]), np.array([i.high for i in ranges])
 
 
@@ -319,7 +319,7 @@ def _range_of_states(states: Sequence[Floats]) -> Floats:
 
 
 def _some_patterns(model: PointModel) -> list[Pattern]:
-    """A few patterns: no disturbance, all at one end, and two that are drawn."""
+    """A few disturbance patterns: none, all at one end, and two random ones."""
     quiet, *worse = patterns_to_try(model)
     drawn = np.random.default_rng(0).integers(0, len(worse), 2) if worse else ()
     chosen = {0, len(worse) - 1, *map(int, drawn)} if worse else set()
@@ -327,7 +327,7 @@ def _some_patterns(model: PointModel) -> list[Pattern]:
 
 
 def _names_in_hints(problem: Problem) -> tuple[str, ...]:
-    """The name of each state in hints: that of the topic that shows it, or of the plant."""
+    """The name of each state in hints, from the topic that shows it, or else from the plant."""
     sc = problem.system.components[problem.module.sc]
     scopes = [
         *(c.scope for c in problem.system.components if c.plant),

@@ -67,8 +67,8 @@ def used_cpu_s() -> float:
     return sum(u.ru_utime + u.ru_stime for u in used)
 
 
-def may_be_found(checked: CheckResult, module: Module) -> bool:
-    """Whether hints of a module may be searched: it is in the main file, without views, ..."""
+def may_search_hints(checked: CheckResult, module: Module) -> bool:
+    """Whether hints of a module may be searched; it must be in the main file and have no views."""
     symbol, verify = module.symbol, module.symbol.verify
     other = verify.views or verify.abstracts or verify.induction or verify.enters or module.view
     main = checked.loaded is not None and symbol.span.source is checked.loaded.main.source
@@ -86,12 +86,12 @@ def find_hints(
     surely: bool = False,
     only_rest: bool = False,
 ) -> ProofSearch:
-    """The search for hints that prove all of a module; it keeps the first such, or the best.
+    """Searches for hints that prove all of a module; keeps the first that do, or the best.
 
-    `choose` picks the module out of a program that was checked; `flat` and `module` are those of
-    `checked`. `hinted`: the program has some, in whose place others are tried. `surely`: others
-    are taken only if AC surely gets control. `only_rest`: no grids are tried, and clauses `rest`
-    may take all of the budget.
+    `choose` picks the module from a checked program; `flat` and `module` belong to `checked`. With
+    `hinted` the program has hints, and others are tried in their place. With `surely` others are
+    taken only if AC surely gets control. With `only_rest` no grids are tried, and clauses `rest`
+    may take the whole budget.
     """
     for_rests_s = budget_s if only_rest else OF_RESTS * budget_s
     search = _HintSearch(
@@ -120,7 +120,7 @@ def find_hints(
 
 
 def _states_with_axes(found: ModelStates, module: Module) -> set[int]:
-    """The numbers of the states that have an axis in `grid` lines of the program."""
+    """The numbers of the states with an axis in a `grid` line of the program."""
     axes = [a for g in module.symbol.verify.groups for a in g.axes]
     leaves = {leaf_name(a.instance if a.topic is None else a.topic.name, a.path) for a in axes}
     plain = (leaf.name for leaf in found.problem.quantities.states)
@@ -130,7 +130,7 @@ def _states_with_axes(found: ModelStates, module: Module) -> set[int]:
 def _hints_in_order(
     found: ModelStates, named: set[int], module: Module, *, only_rest: bool
 ) -> Iterator[tuple[int, Hints]]:
-    """Hints to try, each with its number of cells (0: no grid), cheap ones first."""
+    """Hints to try, cheap ones first, each with its number of cells, which is 0 without a grid."""
     grids_alone = not only_rest and (named or module.symbol.ttf or module.symbol.safer)
     rests = [] if grids_alone else _rests_to_try(found)
     grids, quick = ([], 0) if only_rest else grid_hints(found, named)
@@ -144,7 +144,7 @@ def _rests_to_try(found: ModelStates) -> Iterator[tuple[int, Hints]]:
 
 
 class _HintSearch:
-    """The search for hints of one module, with its budget and its tries."""
+    """A search for hints of one module, with its budget and the record of what it tried."""
 
     def __init__(
         self,
@@ -169,7 +169,7 @@ class _HintSearch:
         self.cut_short: list[tuple[int, Hints]] = []
 
     def has_time_left(self) -> bool:
-        """Whether the budget is not yet used up."""
+        """Whether the search has not yet used up its CPU time."""
         return used_cpu_s() < self._until
 
     def tries_in_words(self) -> list[str]:
@@ -197,7 +197,7 @@ class _HintSearch:
     def try_hints(self, hints: Hints, cells: int, share: float = 1.0) -> None:
         """Tries to prove the module with these hints, and keeps them if they are the best.
 
-        `share`: the share of the remaining budget that this may take.
+        `share` is the part of the remaining budget that the try may take.
         """
         if hints.clauses and (self._no_rest or self._for_rests <= 0.0):
             return
@@ -231,7 +231,7 @@ class _HintSearch:
             self._try_further_hints(hints, result)
 
     def _try_further_hints(self, hints: Hints, result: ModuleResult) -> None:
-        """Tries a `rest` with larger moves, another box, a longer time, or with a shield."""
+        """Tries variants of a `rest`: larger moves, another box, a longer time, or a shield."""
         open_ = [n for n, f in result.findings.items() if not f.holds]
         why = result.findings["P2a"].text
         if hints.farther is not None and HOW_FAR in why:
@@ -250,7 +250,7 @@ class _HintSearch:
     def _prove_with(
         self, hints: Hints, until: float
     ) -> tuple[str, ModuleResult | None, CheckResult | None]:
-        """The outcome in words, the result, and the program; None where there are none."""
+        """The outcome in words, the result and the program; without a result the two are None."""
         try:
             checked = _checked_program(self._source.name, self._laid_out_text_with(hints))
             _, _, problem = self._choose(checked)
@@ -269,7 +269,7 @@ class _HintSearch:
         return _result_in_words(result), result, checked
 
     def _laid_out_text_with(self, hints: Hints) -> str:
-        """The text with the hints, formatted if the program's text was formatted."""
+        """The text with the hints; it is formatted if the program's text was formatted."""
         text, source = self._text_with(hints, COMMENT), self._source
         if format_source(source, Diagnostics()) != source.text:
             return text
@@ -285,7 +285,7 @@ def _checked_program(name: str, text: str) -> CheckResult:
 
 
 def _rank_of_result(result: ModuleResult) -> float:
-    """The rank of a result, higher if better; inf: all is proved, and AC gets control."""
+    """The rank of a result, where higher is better; inf if all is proved and AC gets control."""
     often = "" if result.vacuity is None else result.vacuity.how_often
     if result.verdict in (PROVED, ASSUMED):
         return {NEVER: IN_VAIN, NOT_SHOWN: HELD}.get(often, inf)

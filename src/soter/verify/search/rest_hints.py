@@ -53,7 +53,7 @@ def rest_hints(found: ModelStates) -> Iterator[Hints]:
     if not runs:
         return
     width = np.maximum(found.far[1] - found.far[0], 1e-9)
-    held, moving = _held_and_moving(found, runs, width)
+    held, moving = _condition_and_moves_states(found, runs, width)
     if not held or not found.problem.topic_leaf_of_state.keys() >= {*held, *moving}:
         return  # `rest` and `moves` name topics, and none shows this state
     least = found.estimate_errors / 2 + width / 150
@@ -75,13 +75,13 @@ def rest_hints(found: ModelStates) -> Iterator[Hints]:
         before = half
 
 
-def _held_and_moving(
+def _condition_and_moves_states(
     found: ModelStates, runs: list[ModelTrace], width: Floats
 ) -> tuple[list[int], list[int]]:
-    """The states for the condition, and those for `moves`; adds runs with other starts to `runs`.
+    """The states for the condition and those for `moves`; adds runs from other starts to `runs`.
 
     A state is in neither list if it moves for ever towards a bound, or if rates or SC read it and
-    no set bounds it, as the check does not follow a bound of `moves` there.
+    no set bounds it, because the check does not follow a bound of `moves` there.
     """
     quiet = np.array([t.states[-1] for t in runs[:: len(found.patterns)]])
     hangs = np.ptp(quiet, axis=0) > HANGS * width
@@ -99,14 +99,14 @@ def _held_and_moving(
 
 
 def _may_move(found: ModelStates, s: int) -> bool:
-    """Whether `moves` may name a state: only `safe` reads it, or a set of its topic bounds it."""
+    """Whether `moves` may name a state, as only `safe` reads it or its topic's set bounds it."""
     at = found.problem.topic_leaf_of_state.get(s)
     has_set = at is not None and found.problem.system.topics[at[0]].bounds[at[1]] is not None
     return has_set or not np.delete(found.rate_reads, s, axis=0)[:, s].any()
 
 
 def _moved_starts(found: ModelStates, width: Floats) -> dict[int, list[ModelTrace]]:
-    """The runs with a moved start, for each state whose end moves along with its start."""
+    """For each state whose final value moves with its start, the runs from moved starts."""
     middle, moved = found.points[0], {}
     at = found.runs_from([middle], LONG)
     for s, (low, high) in enumerate(found.ends):
@@ -127,7 +127,7 @@ def _hints_of_box(
     held: list[int],
     moving: list[int],
 ) -> Iterator[Hints]:
-    """Clauses for a box around `middle`; none if `safe` fails in it, or a run never enters."""
+    """Clauses for a box around `middle`; none if `safe` fails inside or a run never enters."""
     ends = _ends_of_box(middle, half, held)
     inside = [
         np.all([(e[0] <= x[:, s]) & (x[:, s] <= e[1]) for s, e in ends.items()], axis=0)
@@ -148,7 +148,7 @@ def _hints_of_box(
 
 
 def _times_in_box(found: ModelStates, entered: list[tuple[ModelTrace, int]]) -> list[float]:
-    """Two times in s by which all runs have entered the box, the shorter one first."""
+    """Two times in seconds by which all runs have entered the box, the shorter time first."""
     latest, least_s = max(t.times[k] for t, k in entered), 4 * found.period_s
     return [max(x * latest, least_s) + found.problem.times.jitter_sc * NS for x in LATER]
 
@@ -156,7 +156,7 @@ def _times_in_box(found: ModelStates, entered: list[tuple[ModelTrace, int]]) -> 
 def _moves_in_words(
     found: ModelStates, entered: list[tuple[ModelTrace, int]], s: int, factor: float
 ) -> str:
-    """An item of `moves`: how far a state moves after runs entered the box, times a factor."""
+    """An item of `moves` with a state's motion after runs enter the box, times `factor`."""
     after = [np.array(t.states)[k:, s] - t.states[k][s] for t, k in entered]
     ways = [-min(x.min() for x in after), max(x.max() for x in after)]
     width = found.far[1][s] - found.far[0][s]
@@ -170,7 +170,7 @@ def _moves_in_words(
 
 
 def _ends_of_box(middle: Floats, half: Floats, held: list[int]) -> dict[int, tuple[float, float]]:
-    """The rounded ends of a box in the states that are held, by state."""
+    """The rounded ends of a box for the states in `held`, by state."""
     return {s: _rounded_ends(middle[s] - half[s], middle[s] + half[s]) for s in held}
 
 
@@ -183,7 +183,7 @@ def _rounded_ends(low: float, high: float) -> tuple[float, float]:
 
 
 def hints_with_box(hints: Hints, box: Mapping[str, Interval]) -> Hints:
-    """The same hints, whose clause `rest` holds a box in the place of its own, by topic's leaf."""
+    """The hints with another box in the clause `rest`; `box` has a range for each topic leaf."""
     ends = {name: _rounded_ends(r.low, r.high) for name, r in box.items()}
     condition = " && ".join(_condition_text(name, *e) for name, e in ends.items())
 
@@ -201,7 +201,7 @@ def _condition_text(name: str, low: float, high: float) -> str:
 def _lies_in_safe(
     found: ModelStates, runs: list[ModelTrace], ends: dict[int, tuple[float, float]]
 ) -> bool:
-    """Whether `safe` holds at some drawn corners of the box, in which runs end."""
+    """Whether `safe` holds at random corners of the box, tried around the ends of some runs."""
     draw = np.random.default_rng(5)
     for trace in runs[:STARTS]:
         for _ in range(8):

@@ -22,7 +22,7 @@ from soter.verify.chosen_modules import (
 from soter.verify.claims.results import UNDECIDED
 from soter.verify.problem.axes import FINDS
 from soter.verify.problem.extract import extract
-from soter.verify.search.proof_search import find_hints, may_be_found
+from soter.verify.search.proof_search import find_hints, may_search_hints
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -46,18 +46,18 @@ NO_TIME = (
 def with_found_hints(
     checked: CheckResult, pick: Mapping[str, Any], budget_s: float, refused: SoterError
 ) -> tuple[CheckResult, tuple[ProofSearch, ...]]:
-    """The program with hints for the modules that have none, and the searches for them.
+    """The program with hints for the modules that have none, and the searches for these hints.
 
-    `pick`: the modules to verify, as arguments of `modules_of`; `refused`: R008 of some of them. It
-    is raised for a module for which no hint could be tried, and for the modules after it.
+    `pick` has the arguments of `modules_of`. `refused` is the error R008 for some of the modules;
+    it is raised again for a module without hints to try, and for the modules after it.
     """
     searches: list[ProofSearch] = []
     places = {
-        name: _place_of(module_named(checked, name, pick)[1])
+        name: _error_place(module_named(checked, name, pick)[1])
         for name in _module_names(checked, pick)
     }
     for name, place in places.items():
-        if not _is_refused(*module_named(checked, name, pick)):
+        if not _poses_no_problem(*module_named(checked, name, pick)):
             continue
         made = _search_hints(checked, name, pick, budget_s, hinted=False)
         if made is None or made.checked is None:
@@ -94,7 +94,7 @@ def with_better_hints(
 def searches_for_rest(
     checked: CheckResult, pick: Mapping[str, Any], budget_s: float
 ) -> tuple[ProofSearch, ...]:
-    """The searches for a clause `rest`, one for each module whose hints may be searched."""
+    """Searches for a clause `rest` for each module whose hints may be searched."""
     made = (
         _search_hints(checked, n, pick, budget_s, hinted=False, only_rest=True)
         for n in _module_names(checked, pick)
@@ -112,7 +112,7 @@ def _search_hints(
     surely: bool = False,
     only_rest: bool = False,
 ) -> ProofSearch | None:
-    """The search for hints of a module; None where its hints may not be searched."""
+    """The search for hints of a module; None if its hints may not be searched."""
 
     def choose(other: CheckResult) -> tuple[System, Module, Problem]:
         assert other.program is not None
@@ -120,15 +120,15 @@ def _search_hints(
         return flat, m, without_faults(other.program, flat, extract(flat, m))
 
     flat, module = module_named(checked, name, pick)
-    if not may_be_found(checked, module):
+    if not may_search_hints(checked, module):
         return None
     return find_hints(
         checked, choose, flat, module, budget_s, hinted=hinted, surely=surely, only_rest=only_rest
     )
 
 
-def _is_refused(flat: System, module: Module) -> bool:
-    """Whether nothing bounds a state of the module."""
+def _poses_no_problem(flat: System, module: Module) -> bool:
+    """Whether the module poses no problem, for example because nothing bounds a state."""
     try:
         problems_of(modules_in_every_view([(flat, module)]))
     except SoterError:
@@ -140,7 +140,7 @@ def _module_names(checked: CheckResult, pick: Mapping[str, Any]) -> list[str]:
     return [m.name for _, m in modules_of(checked, **pick)]
 
 
-def _place_of(module: Module) -> tuple[str, int]:
+def _error_place(module: Module) -> tuple[str, int]:
     """The file and the offset at which R008 of a module is reported."""
     span = module.symbol.verify.span or module.symbol.span
     return span.source.name, span.start
@@ -152,7 +152,7 @@ def _place_of_error(refused: Diagnostic) -> tuple[str, int]:
 
 
 def _with_tries(refused: Diagnostic, search: ProofSearch | None) -> Diagnostic:
-    """The error R008 with notes on the hints tried in vain; `search` None: none were tried."""
+    """The error R008 with notes on hints tried in vain; without notes if `search` is None."""
     helps = tuple(h for h in refused.helps if h != FINDS)
     if search is None:
         return replace(refused, notes=(*refused.notes, NOT_LOOKED_FOR), helps=helps)

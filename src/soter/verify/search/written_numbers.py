@@ -21,6 +21,6 @@ def rounded_outward(value: float, *, up: bool, digits: int = 2) -> float:
 
 
 def duration_text(seconds: float) -> str:
-    """The text of a time rounded up to whole seconds, or, if short, to whole ms or us."""
+    """The text of a time, rounded up to whole seconds, or to ms or us if it is short."""
     part_ns = 10**9 if seconds >= 10.0 else 10**6 if seconds >= 0.01 else 10**3
     return write_ns(ceil(seconds * 1e9 / part_ns) * part_ns)

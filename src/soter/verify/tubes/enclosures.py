@@ -11,7 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import in_order
-from soter.verify.tubes.generated_functions import Caller, fun_text, numbers_text, shared_text
+from soter.verify.tubes.generated_functions import (
+    Caller,
+    fun_text,
+    numbers_text,
+    text_of_package_file,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,15 +27,15 @@ if TYPE_CHECKING:
 
 
 def enclosed_ranges(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
-    """A range around each expression over `ranges` of the inputs; (-inf, inf): none is known."""
+    """A range of each expression for inputs in `ranges`; (-inf, inf) if no range is known."""
     return Enclosures([nodes]).ranges(0, ranges)
 
 
 class Enclosures:
-    """Lists of expressions, each compiled once and then enclosed over several ranges.
+    """Lists of expressions; each list is compiled once and then enclosed over several ranges.
 
-    `shared`: an input has the same value wherever it stands in a list; otherwise its places may
-    have different values.
+    With `shared` an input has the same value wherever it occurs in a list; otherwise each
+    occurrence may have another value.
     """
 
     def __init__(self, lists: Sequence[Sequence[Node]], *, shared: bool = False) -> None:
@@ -39,7 +44,7 @@ class Enclosures:
         self._shared, symbols = shared, max(1, *map(len, self._used)) if shared else 1
         sizes = f"const SYMBOLS: int = {symbols};"
         none = f"const NONE: float[SYMBOLS] = {numbers_text([0.0] * symbols)};"
-        text = [sizes, none, shared_text("forms.soter")]
+        text = [sizes, none, text_of_package_file("forms.soter")]
         for k, (nodes, used) in enumerate(zip(lists, self._used, strict=True)):
             over = {e.of: f"a[{i}]" for i, e in enumerate(used)}
             many = f"Form[{max(1, len(used))}]"
@@ -47,7 +52,7 @@ class Enclosures:
         self._caller = Caller("\n".join(text))
 
     def ranges(self, k: int, ranges: Ranges) -> list[Interval]:
-        """A range around each expression of list `k`; (-inf, inf) where nothing is known."""
+        """A range for each expression of list `k`; (-inf, inf) if no range is known."""
         value = self._caller.result
         inputs: list[Any] = [self._input_form(i, ranges[e.of]) for i, e in enumerate(self._used[k])]
         inputs = inputs or [value("f_number", 0.0)]

@@ -38,14 +38,14 @@ CONDITIONS = frozenset(
 
 
 class NoExpressionError(Exception):
-    """Core computes something that no real expression describes; the text says what."""
+    """Raised if Core computes something that no real expression describes; the text says why."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Node:
-    """An operator `op` and its operands `of`, nodes or, for "number", "known", "input", values.
+    """An operator `op` with operands `of`; for "number", "known" and "input" these are values.
 
-    `Expressions` makes each node once, so equal expressions are the same object.
+    `Expressions` makes each node only once, so equal expressions are the same object.
     """
 
     op: str
@@ -57,7 +57,7 @@ Value = Any
 
 
 class Expressions:
-    """The maker of nodes; it folds constants where no rounding is involved."""
+    """Makes nodes of expressions; it folds constants if no rounding is involved."""
 
     def __init__(self) -> None:
         self._nodes: dict[tuple[object, ...], Node] = {}
@@ -76,13 +76,13 @@ class Expressions:
         return e
 
     def constant(self, value: float) -> Node:
-        """The node of a constant; raises `NoExpressionError` for one that forms cannot hold."""
+        """The node of a constant; raises `NoExpressionError` for a value that forms cannot hold."""
         if not abs(value) < LARGEST:
             raise NoExpressionError("a constant that is too large")
         return self._node("number", float(value))
 
     def _folded_constant(self, op: Callable[[Any, Any], Any], a: Node, b: Node) -> Node | None:
-        """The node of the exact result of `op` on two constants; None: not constant, or rounded."""
+        """The exact result of `op` on two constants as a node; None if it would be rounded."""
         if a.op != "number" or b.op != "number":
             return None
         exact = op(Fraction(a.of[0]), Fraction(b.of[0]))
@@ -90,7 +90,7 @@ class Expressions:
         return self.constant(value) if abs(value) < LARGEST and exact == Fraction(value) else None
 
     def _constant_for(self, constant: Node, *operands: Node) -> Node:
-        """The node `constant`; adds to `hidden` that its operands have to be finite."""
+        """The node `constant`; adds to `hidden` the conditions that its operands are finite."""
         for x in operands:
             if not self._most[x] < LARGEST:
                 self.hidden[self.in_range(x, -LARGEST, LARGEST)] = None
@@ -149,7 +149,7 @@ class Expressions:
         return self.mul(a, self._node("inverse", b))
 
     def factor(self, e: Node, x: Node) -> Node | None:
-        """A node p with e = x p for all values of the inputs; None where none is found."""
+        """A node p with e = x p for all values of the inputs; None if no such node is found."""
         if e is x:
             return self.constant(1.0)
         if e is self.constant(0.0):
@@ -191,7 +191,7 @@ class Expressions:
         return self.constant(0.0), e
 
     def extreme(self, op: str, a: Node, b: Node) -> Node:
-        """The node of `min` or `max` (`op`) of two; a constant where the result is certain."""
+        """The node of `min` or `max` (`op`) of two nodes; a constant if the result is certain."""
         if a.op == "number" and b.op == "number":
             return self.constant((min if op == "min" else max)(a.of[0], b.of[0]))
         if a.op == "number":
@@ -203,7 +203,7 @@ class Expressions:
         return a if a is b else self._node(op, a, b)
 
     def clamp(self, x: Node, low: Node, high: Node) -> Node:
-        """The node of `x` limited to [low, high]; NoExpressionError for constants low > high."""
+        """The node of `x` limited to [low, high]; NoExpressionError if constants low > high."""
         if low.op == "number" and high.op == "number":
             if low.of[0] > high.of[0]:
                 raise NoExpressionError("a limit whose ends are the wrong way round")
@@ -211,11 +211,11 @@ class Expressions:
         return self._node("limit", x, low, high)
 
     def function_node(self, name: str, *of: Node) -> Node:
-        """The node of a function (`sin`, `sqrt`, `atan2`, ...) of some nodes."""
+        """The node of a function, such as `sin`, `sqrt` or `atan2`, applied to these nodes."""
         return self._node(name, *of)
 
     def power(self, a: Node, by: Node) -> Node:
-        """The node of a^by: products for a small whole `by`, otherwise exp(by log a), for a > 0."""
+        """The node of a^by: products for a small whole `by`, else exp(by log a) for a > 0."""
         if by.op == "number" and by.of[0].is_integer() and 2 <= abs(by.of[0]) <= POWER_MAX:
             made = self.constant(1.0)
             for bit in f"{int(abs(by.of[0])):b}":
@@ -224,7 +224,7 @@ class Expressions:
         return self.function_node("exp", self.mul(by, self.function_node("log", a)))
 
     def compare(self, op: str, a: Node, b: Node) -> Node:
-        """The condition `a op b`, as the sign of a difference: "positive" or "not negative"."""
+        """The condition `a op b`, written as a difference that is positive or not negative."""
         if op in ("<", "<="):
             a, b = b, a
         if a is b or (a.op == "number" and b.op == "number"):
@@ -237,8 +237,8 @@ class Expressions:
             return self._constant_for(self.true if is_positive(ahead) else self.false, ahead)
         return self._node("positive" if op in ("<", ">") else "not negative", ahead)
 
-    def sign_of(self, a: Node) -> Node:
-        """The condition `a > 0`, which is undecided where a is 0."""
+    def positive_condition(self, a: Node) -> Node:
+        """The condition `a > 0`, which is undecided if a is 0."""
         return self._node("sign", a)
 
     def in_range(self, a: Node, low: float, high: float) -> Node:
@@ -246,7 +246,7 @@ class Expressions:
         return self._node("inside", a, low, high)
 
     def negation(self, a: Node) -> Node:
-        """The negation of a condition, made once for each; that of a > 0 is -a >= 0."""
+        """The negation of a condition, made once per condition; a > 0 becomes -a >= 0."""
         if a not in self._negated:
             self._negated[a] = self._new_negation(a)
         return self._negated[a]
@@ -271,13 +271,13 @@ class Expressions:
         return a if b is goes_on else self._node(op, a, b)
 
     def select(self, condition: Node, a: Node, b: Node) -> Node:
-        """The node of `a` where the condition holds, and of `b` elsewhere."""
+        """The node that equals `a` if the condition holds, and `b` otherwise."""
         if condition.op == "known":
             return a if condition is self.true else b
         return a if a is b else self._node("select", condition, a, b)
 
     def substituted(self, e: Node, known: dict[Node, Node]) -> Node:
-        """The node `e` with keys of `known` replaced by their values; adds results to `known`."""
+        """The node `e` with each key of `known` replaced by its value; adds results to `known`."""
         if e not in known:
             known[e] = self._rebuilt_node(e, known)
         return known[e]
@@ -302,11 +302,11 @@ class Expressions:
         """The rates over sign conditions, the rates over numbered branches, and the conditions.
 
         Where a rate jumps, a plant may continue with any rate between both sides, so a sign is
-        undecided at 0. In the second list a `branch` with its number replaces each condition.
-        Raises `NoExpressionError` for a condition that is no comparison with 0.
+        undecided at 0. In the second list a `branch` with a number replaces each condition. Raises
+        `NoExpressionError` for a condition that is no comparison with 0.
         """
         signs = {
-            c: self.sign_of(c.of[0])
+            c: self.positive_condition(c.of[0])
             for c in in_order(rates)
             if c.op in ("positive", "not negative")
         }
@@ -318,11 +318,11 @@ class Expressions:
         return rates, [self.substituted(e, places) for e in rates], conditions
 
     def slope_along(self, e: Node, direction: Mapping[Node, Node], known: dict[Node, Node]) -> Node:
-        """The derivative of `e` while each input moves as fast as `direction` says, or not at all.
+        """The derivative of `e` if each input moves at its speed in `direction`, or stands still.
 
-        For `min` and `max` it is that of the operand taken, or, where both are equal, any between.
-        For a `select` it is that of the operand taken; the caller has to add the effect of a jump.
-        Raises `NoExpressionError` for any other jump. `known` remembers results.
+        For `min` and `max` it is the derivative of the operand taken; of equal ones any in between.
+        For `select` it is that of the operand taken too; the caller has to add the effect of a
+        jump. Raises `NoExpressionError` for any other jump. `known` remembers results.
         """
         if e not in known:
             known[e] = self._new_derivative(e, direction, known)
@@ -399,7 +399,7 @@ def _is_power_of_two(x: float) -> bool:
 
 
 def _bound_by_operands(e: Node, of: Sequence[float]) -> float:
-    """A bound of |e| where its operands are at most `of`, inputs `FARTHEST`; inf: may be NaN."""
+    """A bound of |e| if its operands have the bounds `of`; inf if the value may be NaN."""
     if e.op in CONDITIONS:
         return 0.0
     if e.op in PARTIAL or e.op == "exp" or inf in of:
@@ -414,7 +414,7 @@ def _bound_by_operands(e: Node, of: Sequence[float]) -> float:
 
 
 def is_positive(e: Node) -> bool:
-    """Whether the form of `e` shows it to be above 0, even rounded: 1 + x^2 is, exp(x) is not."""
+    """Whether the form of `e` shows that it is above 0, even rounded, as 1 + x^2 but not exp(x)."""
     if e.op == "number":
         return bool(e.of[0] > 0.0)
     if e.op in ("min", "max"):
@@ -425,7 +425,7 @@ def is_positive(e: Node) -> bool:
 
 
 def in_order(roots: Sequence[Node]) -> list[Node]:
-    """The roots and all nodes below them, each after its operands."""
+    """All nodes of these expressions, each after its operands."""
     seen: dict[Node, None] = {}
     todo = [(root, False) for root in reversed(roots)]
     while todo:
@@ -444,7 +444,7 @@ def middle(r: Interval) -> float:
 
 
 def half_width(r: Interval) -> float:
-    """The largest distance of a number in the range from its middle, rounded up."""
+    """The largest distance of a number in the range from the range's middle, rounded up."""
     m = Fraction(middle(r))
     return rounded_up(max(Fraction(r.high) - m, m - Fraction(r.low)))
 
@@ -460,12 +460,12 @@ def deciding_nodes(roots: Iterable[Node]) -> set[Node]:
 
 
 def states_read(roots: Iterable[Node]) -> set[int]:
-    """The numbers of the states that expressions read: as they are (x) or as SC reads them (y)."""
+    """The numbers of the states in these expressions, both true states (x) and SC's reads (y)."""
     return {e.of[1] for e in in_order(list(roots)) if e.op == "input" and e.of[0] in "xy"}
 
 
 def states_read_through(asked: Iterable[Node], rates: Sequence[Node]) -> list[int]:
-    """The numbers of states that `asked` reads, that the rates of these read, and so on."""
+    """The numbers of the states that `asked` reads, directly or through rates of such states."""
     asked, found = [*asked], set[int]()
     while (new := states_read([*asked, *(rates[s] for s in found)])) - found:
         found |= new

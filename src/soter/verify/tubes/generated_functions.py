@@ -35,11 +35,11 @@ NAME = "tubes.soter"
 
 
 class TooLongError(Exception):
-    """A text may need more operations than a step of a program may take (T007)."""
+    """Raised if a text may need more operations than a program's step may take (T007)."""
 
 
 def functions_of(text: str) -> Mapping[str, FunSymbol]:
-    """The functions of a text, by name; raises `TooLongError`. Other errors are defects here."""
+    """The functions of a text, by name; may raise `TooLongError`. Other errors are defects here."""
     checked = check_file(NAME, f"soter 1;\n{text}")
     if any(d.code == "T007" for d in checked.diagnostics.items):
         raise TooLongError
@@ -49,7 +49,7 @@ def functions_of(text: str) -> Mapping[str, FunSymbol]:
 
 
 class Caller:
-    """An evaluator of the functions of one text in the interpreter."""
+    """Calls the functions of one text in the interpreter."""
 
     def __init__(self, text: str) -> None:
         self._functions = functions_of(text)
@@ -58,15 +58,15 @@ class Caller:
         """The message of the fault in the last call; "" where that call did not fault."""
 
     def operations(self, name: str) -> int:
-        """The most operations that one call of function `name` takes."""
+        """The largest number of operations that one call of function `name` takes."""
         return cost_of(self._functions[name]).operations
 
     def returns_true(self, name: str, *arguments: Any) -> bool:  # noqa: ANN401 - values of the program
-        """Whether function `name` returns true; False also where it faults."""
+        """Whether function `name` returns true; False if it returns false or faults."""
         return bool(self.result(name, *arguments))
 
     def result(self, name: str, *arguments: Any) -> Any:  # noqa: ANN401 - values of the program
-        """The value that function `name` returns; None where it faults."""
+        """The value that function `name` returns; None if it faults."""
         self.fault = ""
         try:
             return self._evaluator.closure_of(self._functions[name])(Environment(), arguments)
@@ -86,9 +86,9 @@ MAP = "map"
 def fun_text(
     name: str, parameters: str, roots: Sequence[Node], inputs: Inputs, result: str, of: str = FORMS
 ) -> str:
-    """The text of `fun name(parameters): result`, which returns one form (or range) for each root.
+    """The text of `fun name(parameters): result`, which returns a form or range for each root.
 
-    `inputs`: the text of each input, by its kind and number. `of`: `FORMS` or `RANGES`.
+    `inputs` has the text of each input by kind and number; `of` is `FORMS` or `RANGES`.
     """
     body, names = _statements_for_nodes(roots, inputs, of)
     results = ", ".join(names[x] for x in roots)
@@ -104,9 +104,9 @@ def sure_text(
     truth: bool = True,
     first: str = "",
 ) -> str:
-    """The text of `fun name(parameters): bool`, true only where the condition is surely `truth`.
+    """The text of `fun name(parameters): bool`, true only if the condition surely equals `truth`.
 
-    `first`: the statements with which the function begins.
+    `first` has the statements with which the function begins.
     """
     body, names = _statements_for_nodes([condition], inputs, FORMS)
     text_of = _surely_true_text if truth else _surely_false_text
@@ -128,14 +128,14 @@ def decided_text(name: str, parameters: str, conditions: Sequence[Node], inputs:
 
 
 def _shared_conditions(condition: Node) -> dict[Node, str]:
-    """A name for each condition that is used more than once, so that it is written only once."""
+    """A name for each condition that is used more than once, to write it only once."""
     order = [c for c in in_order([condition]) if c.op in ("and", "or")]
     uses = Counter(x for c in order for x in c.of)
     return {c: f"c{k}" for k, c in enumerate(order) if uses[c] > 1}
 
 
 def _joined_parts(condition: Node, op: str, named: Mapping[Node, str]) -> list[Node]:
-    """The conditions that `op` joins, also in nested joins; conditions in `named` stay whole."""
+    """The conditions that `op` joins, also in nested joins; conditions in `named` are not split."""
     found, todo = [], [condition]
     while todo:
         c = todo.pop()
@@ -166,7 +166,7 @@ def _statements_for_nodes(
 
 
 def _operands(e: Node) -> list[Node]:
-    """The nodes that the text of an operation names: neither ends of clamps nor numbers."""
+    """The operand nodes in the text of an operation, without limits of clamps and numbers."""
     if e.op == "min" and e.of[1].op == "number" and _is_lower_limit(e.of[0]):
         return [e.of[0].of[0]]
     if e.op in WITH_NUMBER and _exact_text(e.of[-1]):
@@ -196,7 +196,7 @@ def _operation_text(e: Node, names: Mapping[Node, str], of: str) -> str:
 
 
 def _exact_text(e: object) -> str:
-    """The text of an exact double, a constant or a number of a map; "" for anything else."""
+    """The text of an exact double, if `e` is a constant or a number of a map; "" otherwise."""
     if not isinstance(e, Node):
         return ""
     if e.op == "number":
@@ -209,7 +209,7 @@ def _is_lower_limit(e: Node) -> bool:
 
 
 def _surely_true_text(c: Node, names: Mapping[Node, str]) -> str:
-    """The text of an expression that is true only where the condition certainly holds."""
+    """The text of a boolean expression that is true only if the condition certainly holds."""
     if c in names:
         return names[c]
     if c.op == "known":
@@ -226,7 +226,7 @@ def _surely_true_text(c: Node, names: Mapping[Node, str]) -> str:
 
 
 def _surely_false_text(c: Node, names: Mapping[Node, str]) -> str:
-    """The text of an expression that is true only where the condition certainly does not hold."""
+    """The text of a boolean expression that is true only if the condition certainly fails."""
     if c in names:
         return names[c]
     if c.op == "known":
@@ -243,7 +243,7 @@ def _surely_false_text(c: Node, names: Mapping[Node, str]) -> str:
 
 
 def number_text(x: float) -> str:
-    """The text of a literal or constant of the language whose value is this double."""
+    """The text of a literal or constant of the language with exactly this double as value."""
     if isinf(x):
         return "ENDLESS" if x > 0 else "-ENDLESS"
     text = repr(x)
@@ -251,12 +251,12 @@ def number_text(x: float) -> str:
 
 
 def exact_form_text(value: float) -> str:
-    """The text of a form that encloses this number alone."""
+    """The text of a form that encloses only this number."""
     return form_text(value, 0.0, value, value)
 
 
 def form_text(c: float, r: float, low: float, high: float) -> str:
-    """The text of a form without symbols."""
+    """The text of a form without symbols, from centre, remainder and ends."""
     ends = f"lo: {number_text(low)}, hi: {number_text(high)}"
     return f"{{ c: {number_text(c)}, r: {number_text(r)}, {ends}, g: NONE }}"
 
@@ -271,6 +271,6 @@ def array_text(items: Sequence[str]) -> str:
     return f"[{', '.join(items)}]"
 
 
-def shared_text(name: str) -> str:
+def text_of_package_file(name: str) -> str:
     """The text of the file `name` of this package, which is the same for all modules."""
     return (files(__package__) / name).read_text(encoding="utf-8")

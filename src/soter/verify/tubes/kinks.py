@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.enclosures import enclosed_ranges
 from soter.verify.tubes.expression_graph import in_order, states_read
-from soter.verify.tubes.generated_functions import number_text, shared_text
+from soter.verify.tubes.generated_functions import number_text, text_of_package_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -29,7 +29,7 @@ LINES = re.compile(r".*  // collects\n")
 
 @dataclass(frozen=True)
 class Kink:
-    """The ends of a clamp, low < high, in units of `state`, the only one its argument reads."""
+    """The ends of a clamp, low < high, as values of the only state that the clamp reads."""
 
     state: int
     low: float
@@ -37,7 +37,7 @@ class Kink:
 
 
 def kinks_of(law: Sequence[Node]) -> Iterator[Kink]:
-    """The kinks of a law, whose arguments read one input each, in the order of computation."""
+    """The kinks of a law whose arguments read only one input, in the order of computation."""
     for e in in_order(law):
         if e.op == "min" and e.of[0].op == "max" and e.of[1].op == e.of[0].of[1].op == "number":
             argument, low, high = e.of[0].of[0], e.of[0].of[1].of[0], e.of[1].of[0]
@@ -52,7 +52,7 @@ def kinks_of(law: Sequence[Node]) -> Iterator[Kink]:
 
 
 def kink_entry(kink: Kink | None, names: Sequence[str]) -> dict[str, object]:
-    """The part of a certificate's entry about a kink; `names`: the names of all states."""
+    """The part of a certificate's entry for a kink; `names` has the names of all states."""
     if kink is None:
         return {}
     return {"collects": {"state": names[kink.state], "at": [kink.low.hex(), kink.high.hex()]}}
@@ -60,7 +60,7 @@ def kink_entry(kink: Kink | None, names: Sequence[str]) -> dict[str, object]:
 
 def text_that_follows_sc(states: Sequence[int], kink: Kink | None) -> str:
     """The text of the functions that follow SC; with `kink` they collect the runs beyond it."""
-    text = shared_text("answer.soter")
+    text = text_of_package_file("answer.soter")
     if kink is None:
         return LINES.sub("", text).replace("n - began", "n").replace(" && !heap.some", "")
     lines = [
@@ -68,4 +68,4 @@ def text_that_follows_sc(states: Sequence[int], kink: Kink | None) -> str:
         f"const KINK_LOW: float = {number_text(kink.low)};",
         f"const KINK_HIGH: float = {number_text(kink.high)};",
     ]
-    return "\n".join([*lines, shared_text("collect.soter"), text])
+    return "\n".join([*lines, text_of_package_file("collect.soter"), text])

@@ -51,11 +51,11 @@ ESTIMATED = 2
 
 @dataclass
 class LeadBackResult:
-    """The result of the search. `why`: why SC is not shown to lead back, in words; "": it is.
+    """The result of a search; `why` says why SC is not shown to lead back, "" if it is shown.
 
-    `ways`: Y of proof-flight.md: the range of each state on the way back. `astray`: a state in
+    `ways` is Y of proof-flight.md, the range of each state on the way back. `astray` is a state in
     which a simulated run with exact, new reads is not back, so younger reads would not help.
-    `other`: another box, into which SC is shown to lead; empty where no tried one is such a box.
+    `other` is another box into which SC is shown to lead; it is empty if none was found.
     """
 
     ways: Box
@@ -64,25 +64,25 @@ class LeadBackResult:
     other: Box = field(default_factory=dict)
 
 
-def region_of(check: TubeCheck, by_state: Mapping[int, Interval]) -> Ends:
-    """The ends of a box, as the tube takes them; [0, 0] for a state that nothing reads there."""
+def box_ends(check: TubeCheck, by_state: Mapping[int, Interval]) -> Ends:
+    """The lower and upper ends of a box for the tube; [0, 0] for a state that is not in the box."""
     ranges = [by_state.get(s, Interval(0.0, 0.0)) for s in check.states]
     return [r.low for r in ranges], [r.high for r in ranges]
 
 
 def box_in_words(check: TubeCheck, box: Mapping[int, Interval]) -> str:
-    """The names of the states of a box, with their ranges, in words."""
+    """The names of a box's states with the range of each, in words."""
     names = check.problem.quantities.states
     return ", ".join(f"{names[s].name} in [{r.low:.4g}, {r.high:.4g}]" for s, r in box.items())
 
 
 def way_back(check: TubeCheck, caller: Caller, box: Box, asked: Sequence[int]) -> LeadBackResult:
-    """The result of the search whether SC leads from `box` back into it in the states `asked`."""
+    """Finds out whether SC leads from `box` back into it in the states `asked`."""
     return _LeadBackSearch(check, caller, box, asked).search_result()
 
 
 class _LeadBackSearch:
-    """A search that asks the tube about one box and about parts of it."""
+    """A search that asks the tube about one box and about parts of this box."""
 
     def __init__(self, check: TubeCheck, caller: Caller, box: Box, asked: Sequence[int]) -> None:
         self._check, self._caller, self._box, self._asked = check, caller, box, asked
@@ -135,13 +135,13 @@ class _LeadBackSearch:
     def _result_with_other_box(
         self, why: str, reached: Box, astray: int | None = None
     ) -> LeadBackResult:
-        """The result of a failure, with another box that is shown, if one is found."""
+        """The result of a failed search, with another box that SC is shown to lead into, if any."""
         if other := self._other_box(reached):
             why += f"; into {box_in_words(self._check, other)} it is shown to lead"
         return LeadBackResult({}, why, astray, other)
 
     def _other_box(self, reached: Box) -> Box:
-        """A box that SC is shown to lead back into: of the estimate, or around ends of runs."""
+        """Another box that SC is shown to lead back into, from an estimate or from ends of runs."""
         phase(f"{self._name}: whether SC leads back into another rest")
         around = {s: self._box[s] for s in self._asked}
         for other in islice(boxes_back_soon(self._check, around), ESTIMATED):
@@ -164,7 +164,7 @@ class _LeadBackSearch:
         return {}
 
     def _smallest_last_part(self) -> Box:
-        """The smallest part that would come last; the search ends at once if that one fails."""
+        """The smallest part that the search would reach last; if it fails, the search can end."""
         part = self._box
         for _ in range(SPLITS):
             part = self._halves(part)[-1]
@@ -180,11 +180,11 @@ class _LeadBackSearch:
                 self._way_with_cut(PLAIN, part)
 
     def whole_way(self) -> Box | None:
-        """The way from all of the box by the first of `CUTS` that shows rest and the start.
+        """The way from the whole box by the first of `CUTS` that shows both rest and the start.
 
-        If there is none, by the first that shows rest and, if runs are collected, the start.
+        If no cut does, it is by the first that shows rest and, if runs are collected, the start.
         `_rests` keeps the first cut that shows only rest, with its way: it is the result if parts
-        fail, too, as a start may lie outside what a map calls free.
+        fail, too, as a start may lie outside the area that a map calls free.
         """
         for cut in range(len(CUTS)) if self._check.answers_vary else ():
             with suppress(TooLongError, SoterError):  # it does not fit into a step, or into forms
@@ -207,10 +207,10 @@ class _LeadBackSearch:
         return self._way(part, self._box)
 
     def _way(self, part: Box, box: Box) -> Box | None:
-        """The range of each state on the way from `part` back into `box`; None: it is unshown."""
+        """The range of each state on the way from `part` back into `box`; None if not shown."""
         moving = {s: Interval(-inf, inf) for s in self._check.states if s not in self._asked}
         way, end = ({**moving, **{s: of[s] for s in self._asked}} for of in (self._rooms, box))
-        led = self._caller.result("keeps", *(region_of(self._check, b) for b in (part, way, end)))
+        led = self._caller.result("keeps", *(box_ends(self._check, b) for b in (part, way, end)))
         if led is None:
             self._span = {}
             return None
@@ -218,7 +218,7 @@ class _LeadBackSearch:
         return self._span if led[0] else None
 
     def _halves(self, part: Box) -> list[Box]:
-        """The two halves of a part, cut in the state whose side is longest relative to the box."""
+        """The two halves of a part, cut in the state with the longest side relative to the box."""
         sides = {s: self._box[s].high - self._box[s].low for s in self._asked}
         sides |= dict.fromkeys(self._check.turning, 1.0)  # a sine is no line over much more
         longest = max(
@@ -254,14 +254,14 @@ class _LeadBackSearch:
         return f"{text}: shown of {shown:.1%} of it, {where}"
 
     def _unknown_past_in_words(self) -> str:
-        """Words about reads of states without a bound; "" where the tube had bounds."""
+        """Words on reads of states that had no bound in the past; "" if all had bounds."""
         if all(r.low <= r.high for r in self._span.values()):
             return ""
         oldest = show_ns(self._check.times.delay)
         return f"; nothing bounds how states moved in the {oldest} before, of which SC may read"
 
     def _widest_in_words(self, part: Box) -> str:
-        """Words about the state whose range on the way is widest, relative to the box."""
+        """Words on the state with the widest range on the way, relative to the box."""
         widths = {s: self._box[s].high - self._box[s].low for s in part if s in self._span}
         times = {
             s: (self._span[s].high - self._span[s].low) / w for s, w in widths.items() if w > 0.0
@@ -275,11 +275,11 @@ class _LeadBackSearch:
 
 def _is_start_shown(check: TubeCheck, ways: Box) -> bool:
     initial = {s: check.problem.initial[s] for s in check.states}
-    return Caller(check.offline_text(ways)).returns_true("starts", region_of(check, initial))
+    return Caller(check.offline_text(ways)).returns_true("starts", box_ends(check, initial))
 
 
 def is_start_collected(check: TubeCheck, ways: Box) -> bool:
-    """Whether the start is shown with runs collected at a kink; sets `kink` to the first such."""
+    """Whether the start is shown with runs collected at a kink; sets `kink` to one that works."""
     for kink in kinks_of(check.law):
         check.kink = kink
         with suppress(TooLongError):

@@ -25,7 +25,7 @@ from soter.language.model.types import (
     Type,
     leaves,
 )
-from soter.verify.enclose.core_enclosure import is_prelude
+from soter.verify.enclose.core_enclosure import is_prelude_function
 from soter.verify.enclose.enclosed_steps import right_hand_side, room_of
 from soter.verify.enclose.enclosure_emitter import element_types
 from soter.verify.enclose.enclosure_inputs import leaf_key, part_names
@@ -65,7 +65,7 @@ COMPARED = {"<", "<=", ">", ">="}
 
 
 class ExpressionReading(Execution["Value"]):
-    """An execution of Core over expressions; `cell(cell, type)` gives the value of a cell."""
+    """Executes Core on expressions; `cell(cell, type)` gives the value of a cell."""
 
     def __init__(
         self,
@@ -159,21 +159,21 @@ class ExpressionReading(Execution["Value"]):
         return (*old[:k], self._with_part(s, old[k], rest, value), *old[k + 1 :])
 
     def _note_computed(self, e: Node) -> Node:
-        """Notes `e` in `computed` and returns it."""
+        """Adds `e` to `computed` and returns it."""
         self.computed[e] = None
         return e
 
     def result_of(self, f: core.Function, arguments: tuple[Value, ...]) -> Value:
         """The result of a function; raises `NoExpressionError` for an extern."""
-        if is_prelude(f) and f.source_name in FUNCTIONS:
+        if is_prelude_function(f) and f.source_name in FUNCTIONS:
             real = "real_" if self.real and f.source_name in ("sin", "cos") else ""
             return self._note_computed(self.make.function_node(real + f.source_name, *arguments))
-        if is_prelude(f) and f.source_name == "clamp":
+        if is_prelude_function(f) and f.source_name == "clamp":
             return self._note_computed(self.make.clamp(*arguments))
-        if is_prelude(f) and f.source_name == "hypot":
+        if is_prelude_function(f) and f.source_name == "hypot":
             x, y = (self.make.mul(a, a) for a in arguments)
             return self._note_computed(self.make.function_node("sqrt", self.make.add(x, y)))
-        if is_prelude(f) and f.source_name == "pow":
+        if is_prelude_function(f) and f.source_name == "pow":
             return self._note_computed(self.make.power(*arguments))
         if f.result is None:
             raise NoExpressionError(f"`{f.source_name}` is extern")
@@ -205,7 +205,7 @@ class ExpressionReading(Execution["Value"]):
         return self._binary_operation(e.op, *operands)
 
     def constant_value(self, t: Type, value: object) -> Value:
-        """The value of a constant of any type; its floats become nodes."""
+        """The value of a constant of any type, with its floats as nodes."""
         if isinstance(value, bool):
             return self.make.true if value else self.make.false
         if isinstance(t, FloatType):
@@ -260,9 +260,9 @@ class ExpressionReading(Execution["Value"]):
 
 
 class ModuleExpressions:
-    """A module's expressions over "x" (states), "u" (controls), "w" (disturbances), "y" (reads).
+    """The expressions of a module over "x" (states), "u" (controls), "w" (disturbances), "y".
 
-    The reads are those of SC. `safe` is also over "m" (the numbers of maps).
+    The inputs "y" are the reads of SC. `safe` also reads "m", the numbers of maps.
     """
 
     def __init__(self, problem: TubeProblem) -> None:
@@ -301,8 +301,8 @@ class ModuleExpressions:
         zero = self.make.constant(0.0)
         return [rates.get(leaf_key(s), zero) for s in self.problem.quantities.states]
 
-    def moved_rates(self, rates: list[Node]) -> SplitRates:
-        """These rates, split into the effects of commands and disturbances."""
+    def split_rates(self, rates: list[Node]) -> SplitRates:
+        """The rates split into the effects of commands and of disturbances."""
         q, make = self.problem.quantities, self.make
         winds = {make.input("w", k): middle(d) for k, d in enumerate(self.problem.disturbances)}
         return rates_taken_apart(
@@ -320,7 +320,7 @@ class ModuleExpressions:
     def condition_of_predicate(self, e: TypedExpr, maps: Maps | None = None) -> Node:
         """The condition that `e` is true at the states x and that its evaluation does not fault.
 
-        `maps`: the input for each number of the maps, by topic and leaf.
+        `maps` has the input for each number of the maps, by topic and leaf.
         """
         table = FunctionTable(self.problem.system)
         system, module = self.problem.system, self.problem.module
@@ -340,7 +340,7 @@ class ModuleExpressions:
     def _refuse_maps_without_place(self, safe: Node) -> None:
         """Raises `NoExpressionError` for a map that no part of `safe` compares with a state.
 
-        A part without a state is the same all along a tube: it is about no place.
+        A part that reads no state is the same all along a tube, so it is not about a place.
         """
         of = [topic for topic, _ in self.problem.map_leaves]
         placed: set[int] = set()
@@ -356,8 +356,8 @@ class ModuleExpressions:
     def constraint_condition(self) -> Node:
         """The condition C: `safe` holds, and plants neither fault nor publish outside their sets.
 
-        Published values count with errors. To be called after `rates`, whose faults count, too.
-        Raises `NoExpressionError` for sets that bound no states, and commands that cause faults.
+        Published values count with errors. Call this after `rates`, whose faults count, too. Raises
+        `NoExpressionError` for sets that bound no states, and commands that cause faults.
         """
         system, make = self.problem.system, self.make
         maps = {at: make.input("m", k) for k, at in enumerate(self.problem.map_leaves)}
@@ -415,7 +415,7 @@ class ModuleExpressions:
         return self._leaf_inputs((cell.owner, cell.name if cell.kind == "state" else ""), t, ())
 
     def _topic_value(self, index: int, t: Type, kind: str, maps: Maps | None = None) -> Value:
-        """The value of a topic, each leaf as the state that equals it, or as a number of a map."""
+        """The value of a topic; each leaf is the state that equals it, or a number of a map."""
 
         def leaf_input(k: int) -> Node:
             leaf = index, k
@@ -440,14 +440,14 @@ class ModuleExpressions:
 
 
 def _refuse_set(name: str, t: Type, published: Value) -> None:
-    """Raises `NoExpressionError` for a topic with a set that bounds no region of states."""
+    """Raises `NoExpressionError` for a topic whose set bounds no region of states."""
     if not isinstance(t, FloatType) or reads_kind(published, "u") or reads_kind(published, "w"):
         why = "is no float, or hangs on a command or a disturbance"
         raise NoExpressionError(f"`{name}` has a set, and {why}")
 
 
 def value_of_leaves(t: Type, parts: Iterator[Value]) -> Value:
-    """The value of a type, made of its leaves."""
+    """The value of a type that has these leaves, in order."""
     if isinstance(t, (RecordType, ArrayType)):
         return tuple(value_of_leaves(f, parts) for f in element_types(t))
     return next(parts)

@@ -32,12 +32,12 @@ if TYPE_CHECKING:
 def domain_conditions(
     make: Expressions, parts: Sequence[Node], slopes: Sequence[Node]
 ) -> list[Node]:
-    """Conditions on states under which terms are defined that the `parts` of rates lack.
+    """Conditions on states which ensure that terms missing in the `parts` of rates are defined.
 
     A term of a rate may cancel in its `parts`, or be 0 with a disturbance in its middle, where it
-    is NaN, or so steep that a flow has several solutions. `slopes`: derivatives of the effects
-    along directions "v" of states. Raises `NoExpressionError` where such a term reads commands
-    or disturbances.
+    is NaN, or so steep that a flow has several solutions. `slopes` has derivatives of the effects
+    along directions "v" of states. Raises `NoExpressionError` if such a term reads commands or
+    disturbances.
     """
     known = {*in_order(parts)}
     partial = [x for x in in_order([*slopes, *make.hidden]) if x.op in PARTIAL and x not in known]
@@ -51,10 +51,10 @@ def domain_conditions(
 class SplitRates:
     """Rates f(x, u, w) as a sum of the effects of commands u and disturbances w.
 
-    `still`: f with every disturbance in which it is affine in the middle of its range. `effects`:
-    for each disturbance, then each control, its factor in every rate, 0 for those in `ranged`. A
-    factor may read x and `ranged`, and that of a disturbance all controls (a brake that grips more
-    or less). `ranged`: the others, which stand in `still`, and are ranges there.
+    `still` is f with each affine disturbance in the middle of its range. `effects` has, for each
+    disturbance and then each control, its factor in every rate, 0 for inputs in `ranged`. A factor
+    may read x and `ranged`, and a disturbance's factor all controls (a brake that grips more or
+    less). `ranged` has the other inputs, which `still` reads as ranges.
     """
 
     still: list[Node]
@@ -68,9 +68,9 @@ def rates_taken_apart(
     middles: Mapping[Node, float],
     controls: Sequence[Node],
 ) -> SplitRates:
-    """These rates, split by controls and disturbances; `middles`: the middle of each disturbance.
+    """The rates split by controls and disturbances; `middles` has each disturbance's middle.
 
-    Inputs that a condition reads become `ranged`. Raises `NoExpressionError` where a rate jumps
+    Inputs that a condition reads become `ranged`. Raises `NoExpressionError` if a rate jumps
     without a condition.
     """
     zero, one = make.constant(0.0), make.constant(1.0)
@@ -95,9 +95,9 @@ def rates_taken_apart(
 def state_that_may_grow_without_end(
     make: Expressions, rates: Sequence[Node], followed: Sequence[int]
 ) -> int | None:
-    """The first state not in `followed` that may become infinite in finite time; None: none may.
+    """The first state not in `followed` that may become infinite in finite time; None if none may.
 
-    No state may whose rate is defined everywhere and affine in the states that are not followed.
+    A state cannot if its rate is defined everywhere and affine in the states that are not followed.
     """
     left = set(range(len(rates))) - set(followed)
     for s in sorted(left):

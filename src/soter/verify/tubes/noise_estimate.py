@@ -45,11 +45,11 @@ ROOM, SOLVED = 1.3, 0.01
 
 
 class NoiseEstimate(NamedTuple):
-    """Shares of the sides of a box that noise takes up: the largest, `share`, is that of `worst`.
+    """The shares of a box's sides that noise takes up; `share` is the largest, of state `worst`.
 
-    `on_time`: the largest share if no command were late; `young`: if no read were old. `command`:
-    SC's command at a corner of the box, as a share of the largest command. `back`: the number of
-    SC's commands after which all of the box is back in it; 0: it is not within those followed.
+    `on_time` is the largest share if no command were late, `young` if no read were old. `command`
+    is SC's command at a corner of the box, as a share of the largest command. `back` is the number
+    of commands of SC after which all of the box is back inside; 0 if that takes too many.
     """
 
     worst: int
@@ -61,7 +61,7 @@ class NoiseEstimate(NamedTuple):
 
 
 def noise_estimate(check: TubeCheck, box: Mapping[int, Interval]) -> NoiseEstimate | None:
-    """The estimate for a box; None: no derivative in its middle, or SC does not hold the plant."""
+    """The noise estimate of a box; None if SC does not hold the plant or no derivative exists."""
     if not has_known_operations(check):
         return None
     half = np.array([half_width(box[s]) if s in box else 0.0 for s in check.states])
@@ -83,10 +83,10 @@ def noise_estimate(check: TubeCheck, box: Mapping[int, Interval]) -> NoiseEstima
 
 
 def boxes_back_soon(check: TubeCheck, box: Mapping[int, Interval]) -> Iterator[Box]:
-    """Boxes around the middle of `box` that are back after few commands of SC, the larger first.
+    """Boxes around the middle of `box` that are back after few commands of SC, larger ones first.
 
-    Each is `ROOM` times as wide as what is left then of itself, and of noise. There are none where
-    `box` has no range for some state, or SC would be at the ends of its commands.
+    Each is `ROOM` times as wide as the range that then remains of it, with noise. No box results if
+    `box` has no range for some state, or if SC would be at the ends of its commands.
     """
     if {*box} != {*check.states} or not has_known_operations(check):
         return
@@ -116,12 +116,12 @@ def _delays_of(check: TubeCheck) -> tuple[float, float]:
 
 
 def _largest_commands(check: TubeCheck) -> Matrix:
-    """The distance of the largest value of each command from the middle of its set."""
+    """For each command half the width of its set, the largest distance from the middle."""
     return np.array([half_width(c) for c in check.problem.controls])
 
 
 def _noise_at_rest(check: TubeCheck, loop: list[Matrix], delays: tuple[float, float]) -> Matrix:
-    """The distance from the middle that each state may have after many commands from there."""
+    """How far from the middle each state may be after many commands that start there."""
     n, m = loop[1].shape
     *_, last = _sizes_after_commands(check, loop, delays, np.zeros(n), np.zeros(m))
     return last[0]
@@ -144,7 +144,7 @@ def _linear_loop(check: TubeCheck, box: Mapping[int, Interval], half: Matrix) ->
 def _values_and_derivatives(
     roots: Sequence[Node], at: Mapping[tuple[str, int], float], kind: str, half: Matrix
 ) -> tuple[Matrix, Matrix]:
-    """Values of expressions, and their derivatives by inputs of one kind, by differences."""
+    """The values of expressions, and their derivatives by inputs of one kind as differences."""
     keys = [key for key in at if key[0] == kind]
     sides = np.where(half, half, 1.0) if kind in "xy" else np.ones(len(keys))
     steps = np.hstack([np.zeros((len(keys), 1)), np.diag(sides), -np.diag(sides)]) * SMALL
@@ -162,10 +162,10 @@ def _sizes_after_commands(
     sides: Matrix,
     commands: Matrix,
 ) -> Iterator[tuple[Matrix, Matrix]]:
-    """After each command the largest distances from the middle of states, and of commands.
+    """The largest distances of states and of commands from the middle, after each command.
 
-    Runs begin within `sides` of the middle, while any command within `commands` acts. `delays`: the
-    largest age of a read and the largest lateness of a command, in s.
+    Runs begin within `sides` of the middle, while any command within `commands` acts. `delays` has
+    the largest age of a read and the largest lateness of a command, in s.
     """
     a, b, wind, law = loop
     delay, late = delays

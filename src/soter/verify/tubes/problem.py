@@ -36,7 +36,7 @@ AS_EXPRESSIONS = "a tube needs rates, the law, `safe` and `rest` as expressions 
 
 @dataclass(frozen=True)
 class Drift:
-    """The largest motion of a state down and up after `rest` first held; inf: without end."""
+    """The largest motion of a state down and up after `rest` first held; inf means no limit."""
 
     below: float
     above: float
@@ -46,9 +46,9 @@ class Drift:
 class TubeProblem(Problem):
     """The problem of a module that declares `rest e moves ... within T;`.
 
-    `drifts`: the bounds that `moves` declares, by the number of the state. `map_leaves`: each
-    number of the maps that `safe` reads, as (topic, leaf). `plans`: where there are several plans,
-    the problem of each as the only SC; this problem is then that of the first.
+    `drifts` has the bounds that `moves` declares, by the number of the state. `map_leaves` has each
+    number of the maps that `safe` reads, as (topic, leaf). If several plans exist, `plans` has the
+    problem of each as the only SC, and this problem is that of the first.
     """
 
     rest: TypedExpr
@@ -64,12 +64,12 @@ class TubeProblem(Problem):
 
     @property
     def first_map(self) -> list[float]:
-        """The numbers of the maps by which the start is judged: the defaults of all map topics."""
+        """The default numbers of all map topics, by which the start is judged."""
         topics = [self.system.topics[t] for t in dict.fromkeys(t for t, _ in self.map_leaves)]
         return [x for t in topics for x in numbers_in(t.default)]
 
     def leaf_of_state(self, state: int) -> str:
-        """The leaf in which the DM reads a state, as `topic.field`."""
+        """The topic's leaf by which the DM reads a state, as `topic.field`."""
         topic, k = self.topic_leaf_of_state[state]
         declared = self.system.topics[topic]
         return leaf_name(declared.name, list(leaves(declared.type))[k][0])
@@ -98,17 +98,17 @@ class TubeTimes:
 
     @property
     def depth(self) -> int:
-        """The number of commands that may act while a read ages: periods in d + 2 j, at least 1."""
+        """The number of commands that may act while a read ages, the SC periods in d + 2 j."""
         return max(1, -(-(self.delay + 2 * self.jitter) // self.period))
 
     def earlier_command_ns(self, p: int) -> int:
-        """The longest time in ns for which the p-th command before the last acted since a read."""
+        """The longest time in ns that the p-th command before the last may act after a read."""
         since = self.delay + 2 * self.jitter - p * self.period
         return max(0, min(self.period + 2 * self.jitter, since))
 
     @staticmethod
     def of_problem(problem: TubeProblem) -> TubeTimes:
-        """The times of a module, from its schedule and its `within`."""
+        """The times of a module's tube, from its schedule and its clause `within`."""
         t = problem.times
         h, j, period = t.horizon_ns, t.jitter_sc, t.delta_sc
         earliest = max(t.delta_dm - t.late_dm + t.acts_least, h - period - j, 0)
@@ -119,7 +119,7 @@ class TubeTimes:
 
 
 def tube_problem_of(problem: Problem, rest: RestSymbol, calculator: Calculator) -> TubeProblem:
-    """The problem of a module with `rest`; raises R009 or R007 where tubes do not cover it."""
+    """The problem of a module with `rest`; raises R009 or R007 if tubes do not cover it."""
     diagnostics = Diagnostics()
     _refuse_uncovered(problem, rest, diagnostics)
     drifts = {}
@@ -149,7 +149,7 @@ def tube_problem_of(problem: Problem, rest: RestSymbol, calculator: Calculator) 
 
 
 def problem_of_plans(module: Module, plans: Sequence[Problem]) -> TubeProblem:
-    """The problem of a module, made of the problems of its plans; may raise `SoterError` R007."""
+    """The problem of a module, joined from the problems of its plans; may raise R007."""
     first, *_ = every = [p for p in plans if isinstance(p, TubeProblem)]
     if module.symbol.shield is not None:
         why = (
@@ -185,7 +185,7 @@ def is_far(r: Interval) -> bool:
 
 
 def topics_read(problem: Problem) -> set[int]:
-    """The topics that SC or a condition of the module reads; a DM with `rest` reads them all."""
+    """The topics that SC or a condition reads; a DM with `rest` reads all topics of its module."""
     return {*problem.module.scope.topics.values(), *topics_read_by_sc(problem)}
 
 
@@ -236,7 +236,7 @@ def _refuse_uncovered(problem: Problem, rest: RestSymbol, diagnostics: Diagnosti
 
 
 def refusal(problem: TubeProblem, why: str, helps: tuple[str, ...] = ()) -> SoterError:
-    """The error R007 with the reason `why`; without `helps` it has a note on expressions."""
+    """The error R007 with the reason `why`; it has a note on expressions if `helps` is empty."""
     diagnostics = Diagnostics()
     diagnostics.error(
         "R007",

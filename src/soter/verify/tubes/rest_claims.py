@@ -28,7 +28,7 @@ from soter.verify.tubes.enclosures import enclosed_ranges
 from soter.verify.tubes.expression_graph import deciding_nodes, in_order
 from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.kinks import Kink, kink_entry
-from soter.verify.tubes.leading_back import box_in_words, is_start_collected, region_of, way_back
+from soter.verify.tubes.leading_back import box_ends, box_in_words, is_start_collected, way_back
 from soter.verify.tubes.problem import FARTHEST, cut_to_farthest, is_far, refusal, rounded_up
 from soter.verify.tubes.sc_step import variables_entry
 from soter.verify.tubes.tube_check import PLAIN
@@ -48,9 +48,9 @@ if TYPE_CHECKING:
 def why_drift_not_shown(
     check: TubeCheck, caller: Caller, at: Mapping[int, Interval], box: Mapping[int, Interval]
 ) -> str:
-    """Why the bound of a state that `moves` names is not shown, in words; "": all are shown.
+    """Why the bound of a state that `moves` names is not shown, in words; "" if all are shown.
 
-    `at`: the range of each state once `rest` has held, Y or its topic's set; `box`: B of rule 1.
+    `at` has each state's range after `rest` has held (Y, or its topic's set); `box` is B of rule 1.
     """
     ends = [[at[s].low for s in check.states], [at[s].high for s in check.states]]
     answer = caller.result("answers_at_rest", ends)
@@ -74,14 +74,14 @@ def why_drift_not_shown(
 def _input_ranges(
     check: TubeCheck, at: Mapping[int, Interval], answer: Sequence[Interval]
 ) -> dict[tuple[str, int], Interval]:
-    """The range of every input of the rates: states "x", answers of SC "u", disturbances "w"."""
+    """The range of every input of the rates: states "x", commands of SC "u", disturbances "w"."""
     ranges = {("x", s): at[s] for s in check.states}
     ranges |= {("u", k): u for k, u in enumerate(answer)}
     return ranges | {("w", k): d for k, d in enumerate(check.problem.disturbances)}
 
 
 def _moves_in_words(check: TubeCheck, state: int) -> str:
-    """Words, for the end of a message, on what moves a state and the states that its rate reads."""
+    """The end of a message that says what moves a state and the states that its rate reads."""
     found, new = set[int](), {state}
     while new - found:
         found |= new
@@ -103,7 +103,7 @@ def _moves_in_words(check: TubeCheck, state: int) -> str:
 def _why_it_may_drift(
     check: TubeCheck, z: int, e: Node, by: float, ranges: Ranges, box: Mapping[int, Interval]
 ) -> str:
-    """Why a state z with rate `e` may grow by more than `by`, "": it does not. V: over `box`."""
+    """Why a state z with rate `e` may grow by more than `by`; "" if not. V is taken over `box`."""
     make, most = check.make, Fraction(0)
     (e,) = _with_decided_extremes(check, [_rate_at_worst_disturbance(make, e, ranges)], ranges)
     for state, where in box.items():
@@ -137,18 +137,18 @@ def _why_it_may_drift(
 def _one_sided_gain(
     make: Expressions, state_rate: Node, x: Node, p: Node, ranges: Ranges
 ) -> Fraction | None:
-    """The largest sum of the term x p over time, if it adds only on a side of 0 where x falls back.
+    """The largest sum of x p over time, if it adds only on a side of 0 where x falls back.
 
-    There V = c max(x, 0), or its mirror image: where x > 0 and x' <= -m < 0, x p is at most
-    c m = (the largest x) (the largest p). None: there is no such side.
+    On this side V = c max(x, 0), or its mirror image: for x > 0 and x' <= -m < 0, x p is at most c
+    m = (the largest x) (the largest p). None if no side of 0 is such.
     """
     (of_p,) = enclosed_ranges([p], ranges)
     for side in (1.0, -1.0):
         if side * (of_p.low if side > 0.0 else of_p.high) < 0.0:
             continue
         far = ranges[x.of].high if side > 0.0 else -ranges[x.of].low
-        beside = {make.sign_of(x if side > 0.0 else make.neg(x)): make.true}
-        beside[make.sign_of(make.neg(x) if side > 0.0 else x)] = make.false
+        beside = {make.positive_condition(x if side > 0.0 else make.neg(x)): make.true}
+        beside[make.positive_condition(make.neg(x) if side > 0.0 else x)] = make.false
         known = {**ranges, x.of: Interval(0.0, far) if side > 0.0 else Interval(-far, 0.0)}
         (rate,) = enclosed_ranges(
             [make.substituted(make.mul(state_rate, make.constant(side)), beside)], known
@@ -160,7 +160,7 @@ def _one_sided_gain(
 
 
 def _rate_at_worst_disturbance(make: Expressions, e: Node, ranges: Ranges) -> Node:
-    """The rate `e` with each disturbance that is only added at the end where it adds most."""
+    """The rate `e` with each purely additive disturbance at the end that makes `e` largest."""
     winds = {x for x in in_order([e]) if x.op == "input" and x.of[0] == "w"}
     for w in winds - deciding_nodes([e]):
         slope = make.slope_along(e, {w: make.constant(1.0)}, {})
@@ -172,9 +172,9 @@ def _rate_at_worst_disturbance(make: Expressions, e: Node, ranges: Ranges) -> No
 
 
 def _with_decided_extremes(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) -> list[Node]:
-    """The same expressions without each `min` or `max` whose result is certain over `ranges`.
+    """The expressions without each `min` or `max` whose result is certain over `ranges`.
 
-    An input whose range is one number is replaced by that number.
+    An input whose range is a single number is replaced by this number.
     """
     make = check.make
     known = {make.input(*at): make.constant(r.low) for at, r in ranges.items() if r.low == r.high}
@@ -200,13 +200,13 @@ OLD = 8
 
 @dataclass
 class RestClaims:
-    """The results of the claims: texts say why something is not shown, and are "" where it is.
+    """The results of the claims; each text says why a claim is not shown, or is "".
 
-    `box`: B of rule 1, `ways`: Y, the range from then on, of each state that `moves` does not name.
-    `cut`: the index in `CUTS` of the check that showed it and flies; `kink`: its kink, if any.
-    `astray`: a state in which a run does not come back, so that no younger read would help.
-    `other`: a box that SC is shown to lead back into, where B is not shown; empty: none was found.
-    `given`: whether AC has control at an exact estimate of the middle of the start.
+    `box` is B of rule 1; `ways` is Y, the later range of each state that `moves` does not name.
+    `cut` is the index in `CUTS` of the check that showed the box and flies; `kink` is its kink, if
+    any. `astray` is a state in which a run does not come back, so that no younger read would help.
+    `other` is a box that SC is shown to lead back into if B is not shown; empty if none was found.
+    `given` says whether AC has control at an exact estimate of the middle of the start.
     """
 
     box: dict[int, Interval] = field(default_factory=dict)
@@ -222,12 +222,12 @@ class RestClaims:
     kink: Kink | None = None
 
     def write(self, path: Path) -> None:
-        """Writes the results to a file as JSON, with the exact ends of ranges."""
+        """Writes the results to a JSON file, with the exact ends of all ranges."""
         path.write_text(json.dumps(asdict(self)), encoding="utf-8")
 
     @classmethod
     def read(cls, path: Path) -> RestClaims:
-        """The results that `write` wrote to a file."""
+        """The results from a file that `write` wrote."""
         stored = json.loads(path.read_text(encoding="utf-8"))
         for name in ("box", "ways", "other"):
             stored[name] = {int(s): Interval(**r) for s, r in stored[name].items()}
@@ -236,7 +236,7 @@ class RestClaims:
 
 
 def rest_entry(check: TubeCheck, claims: RestClaims) -> dict[str, object]:
-    """The part of a certificate about `rest`: constants of the check; B and Y if shown."""
+    """The part of a certificate for `rest`: the constants of the check, and B and Y if shown."""
     problem, times = check.problem, check.times
     names, errors = [s.name for s in problem.quantities.states], check.error_by_state()
     rest: dict[str, object] = {
@@ -270,9 +270,9 @@ def rest_entry(check: TubeCheck, claims: RestClaims) -> dict[str, object]:
 
 
 def show_rest_claims(check: TubeCheck) -> RestClaims:
-    """The results of all claims; where a claim fails, those that need it have its text.
+    """Gives the results of all claims; a claim that needs a failed claim has the same text.
 
-    Raises `SoterError` R007 where the check takes more operations than a step may.
+    Raises `SoterError` R007 if the check takes more operations than a step may.
     """
     try:
         return _claims_in_order(check)
@@ -312,10 +312,10 @@ def _claims_in_order(check: TubeCheck) -> RestClaims:
 
 
 def too_long_error(check: TubeCheck) -> SoterError:
-    """The error R007, with a `within` that would fit: each further step of SC costs as much.
+    """The error R007 for a `rest` with too many operations; it advises a `within` that would fit.
 
-    The cost is measured from two steps to three, as the first step costs differently. Then fewer
-    steps are tried until they fit.
+    The cost per step is measured from two steps to three, as the first step costs differently. Then
+    fewer steps are tried until they fit.
     """
     times = check.times
     needs, fits = "", 0
@@ -349,7 +349,7 @@ def _state_name(check: TubeCheck, state: int) -> str:
 
 
 def _first_without_set(check: TubeCheck, states: Sequence[int]) -> str:
-    """The name of the first of `states` whose range has no bound; "": all have bounds."""
+    """The name of the first of `states` whose range has no bound; "" if all have bounds."""
     rooms = check.rooms
     return next(
         (_state_name(check, s) for s in states if not isfinite(rooms[s].high - rooms[s].low)), ""
@@ -357,9 +357,9 @@ def _first_without_set(check: TubeCheck, states: Sequence[int]) -> str:
 
 
 def _why_sc_may_fault(check: TubeCheck, caller: Caller) -> str:
-    """Why SC may fault or leave a topic's set on some read, in words; "": it does not."""
+    """Why SC may fault, or publish outside a topic's set, on some read, in words; "" if not."""
     sets = {s: cut_to_farthest(check.read_sets[s]) for s in check.read_by_law}
-    if caller.returns_true("answers", region_of(check, sets)):
+    if caller.returns_true("answers", box_ends(check, sets)):
         return ""
     fault = f": {caller.fault}" if caller.fault else ""
     return (
@@ -368,7 +368,7 @@ def _why_sc_may_fault(check: TubeCheck, caller: Caller) -> str:
 
 
 def _why_not_kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
-    """Why SC is not shown to keep a box around rest (rule 1); "": it is. Fills in `claims`."""
+    """Why SC is not shown to keep a box around rest (rule 1), or ""; fills in `claims`."""
     problem = check.problem
     free = _free_states(check)
     boxed = [s for s in check.states if s not in {*problem.drifts, *free, *check.turning}]
@@ -394,9 +394,9 @@ def _why_not_kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
 
 
 def _free_states(check: TubeCheck) -> list[int]:
-    """The states that `rest`, `moves` and sets leave without bounds.
+    """The states for which neither `rest` nor `moves` nor a set gives bounds.
 
-    The rate of each depends on none of them, so none becomes infinite in finite time.
+    The rate of each depends on none of these states, so none becomes infinite in finite time.
     """
     asked = {*check.problem.drifts, *check.read_by_rest}
     ends = ((s, check.rooms[s]) for s in check.states if s not in asked)
@@ -413,7 +413,7 @@ def _free_states(check: TubeCheck) -> list[int]:
 def _why_never_safe(
     check: TubeCheck, claims: RestClaims, box: Mapping[int, Interval], free: Sequence[int]
 ) -> str:
-    """Why no rest is shown that is safe for all values of the states `free`; "": one is."""
+    """Why no state at rest is shown safe for all values of the states `free`; "" if one is."""
     names = ", ".join(_state_name(check, s) for s in free if s in check.read_by_safe)
     if not names or _holds_somewhere(
         check, Caller(check.offline_text(claims.ways)), box, "stays_safe"
@@ -425,40 +425,40 @@ def _why_never_safe(
 def _box_around_rest(
     check: TubeCheck, caller: Caller, sets: dict[int, Interval], boxed: Sequence[int]
 ) -> dict[int, Interval] | None:
-    """A box outside of which `rest` certainly fails; None where `rest` holds nowhere."""
+    """A box outside of which `rest` certainly fails; None if `rest` holds nowhere."""
     box = dict(sets)
-    if caller.returns_true("never_rests", region_of(check, box)):
+    if caller.returns_true("never_rests", box_ends(check, box)):
         return None
     for s in boxed:
         box[s] = _side_narrowed_by_powers(check, caller, box, s)
         for upper in (False, True):
             box[s] = _side_narrowed_by_halving(check, caller, box, s, upper=upper)
-    return None if caller.returns_true("never_rests", region_of(check, box)) else box
+    return None if caller.returns_true("never_rests", box_ends(check, box)) else box
 
 
 def _holds_somewhere(
     check: TubeCheck, caller: Caller, box: Mapping[int, Interval], predicate: str
 ) -> bool:
-    """Whether a condition certainly holds at one of some states of the box that are tried."""
+    """Whether a condition certainly holds in at least one of the box's states that are tried."""
     draw, ends = random.Random(0), [(r.low, r.high) for r in box.values()]  # noqa: S311 - no secret
     usual = [(a / 2 + b / 2, min(max(0.0, a), b), a, b) for a, b in ends]
     states = [[draw.choice((*u, draw.uniform(u[2], u[3]))) for u in usual] for _ in range(TRIED)]
     every = (dict(zip(box, x, strict=True)) for x in ([u[0] for u in usual], *states))
     tried = ({s: Interval(v, v) for s, v in x.items()} for x in every)
-    return any(caller.returns_true(predicate, region_of(check, at)) for at in tried)
+    return any(caller.returns_true(predicate, box_ends(check, at)) for at in tried)
 
 
 def _side_narrowed_by_powers(
     check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int
 ) -> Interval:
-    """The side `s`, if it has no set, cut to the least power of ten beyond which `rest` fails."""
+    """The side `s` cut to the least power of ten beyond which `rest` fails, if it has no set."""
     low, high = box[s].low, box[s].high
     if not is_far(check.rooms[s]):
         return box[s]
     for end in (10.0**k for k in range(99, -10, -1)):
         beyond = (Interval(low, -end), Interval(end, high))
         if not all(
-            caller.returns_true("never_rests", region_of(check, {**box, s: r})) for r in beyond
+            caller.returns_true("never_rests", box_ends(check, {**box, s: r})) for r in beyond
         ):
             break
         low, high = -end, end
@@ -468,13 +468,13 @@ def _side_narrowed_by_powers(
 def _side_narrowed_by_halving(
     check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int, *, upper: bool
 ) -> Interval:
-    """The side `s` with one end moved in by bisection: `rest` fails in all that is cut off."""
+    """The side `s` with one end moved inward by bisection; `rest` fails in the part cut off."""
     low, high = box[s].low, box[s].high
     outer, inner = (high, low) if upper else (low, high)
     for _ in range(HALVINGS):
         middle = 0.5 * (outer + inner)
         off = Interval(middle, high) if upper else Interval(low, middle)
-        if caller.returns_true("never_rests", region_of(check, {**box, s: off})):
+        if caller.returns_true("never_rests", box_ends(check, {**box, s: off})):
             outer = middle
         else:
             inner = middle
@@ -482,10 +482,10 @@ def _side_narrowed_by_halving(
 
 
 def _why_start_not_at_rest(check: TubeCheck, caller: Caller) -> str:
-    """Why SC is not shown to lead every start to rest (condition 6), in words; "": it is."""
+    """Why SC is not shown to lead every start to rest (condition 6), in words; "" if it is."""
     initial = {s: check.problem.initial[s] for s in check.states}
     if any(map(is_far, initial.values())):
         return f"it is beyond {FARTHEST:g}"
-    if caller.returns_true("starts", region_of(check, initial)):
+    if caller.returns_true("starts", box_ends(check, initial)):
         return ""
     return f"from {box_in_words(check, initial)} SC is not certainly led to rest"

@@ -43,10 +43,10 @@ SLACK = 1e-9
 
 
 class ScStep:
-    """The step of SC; `NoExpressionError` if SC may publish nothing, or keeps unsupported values.
+    """The step of SC as expressions over SC's reads and the values that SC keeps.
 
-    `commands`: the published values, in the order of controls. `ranges`: the range of each input
-    "l"; `floats`: the number of the input for each float that SC keeps, by its name.
+    `commands` has the published values in the order of controls, `ranges` the range of each input
+    "l", `floats` the input's number for each kept float by name. May raise `NoExpressionError`.
     """
 
     def __init__(self, module: ModuleExpressions) -> None:
@@ -77,11 +77,11 @@ class ScStep:
         return self._make.input("l", len(self.ranges) - 1)
 
     def _new_undecided_condition(self) -> Node:
-        """A new condition that at each step may hold or not."""
+        """A new condition that may hold or not at each step."""
         return self._make.compare(">", self._new_input(-1.0, 1.0), self._make.constant(0.0))
 
     def _values_of_leaf(self, name: str, t: types.Type, first: Any) -> Sequence[Value]:  # noqa: ANN401
-        """The values that a leaf of a variable may have, `first` at the beginning."""
+        """The possible values of a variable's leaf; the leaf has the value `first` initially."""
         if isinstance(t, types.FloatType):
             self.floats[name] = len(self.ranges)
             return [self._new_input(first, first)]
@@ -138,9 +138,9 @@ class ScStep:
         return held
 
     def find_ranges(self, reads: Mapping[int, Interval]) -> str:
-        """Sets `ranges` to ranges that no step leaves; returns the name of a float without, or "".
+        """Finds ranges that no step leaves; returns the name of an unbounded float, or "".
 
-        `reads`: for each state the set of the values that SC may read of it.
+        `reads` has for each state the set of the values that SC may read.
         """
         roots, first = [v for _, v in self._assigned], list(self.ranges)
         if not roots:
@@ -164,12 +164,12 @@ class ScStep:
 
 
 def _possible_values(e: Node) -> list[Node]:
-    """The expressions that `e` may be equal to, for any conditions of its branches."""
+    """The expressions to which `e` may be equal, for all choices of its branches."""
     return [x for side in e.of[1:] for x in _possible_values(side)] if e.op == "select" else [e]
 
 
 def _narrowed_range(a: Interval, b: Interval) -> Interval:
-    """The range `b` cut to `a`, but with an end of `a` where that of `b` is hardly nearer."""
+    """The range `b` cut to `a`; an end that would be cut by hardly anything stays as in `a`."""
     off = SLACK * (a.high - a.low)
     low, high = a.low + off, a.high - off
     return Interval(b.low if b.low > low else a.low, b.high if b.high < high else a.high)

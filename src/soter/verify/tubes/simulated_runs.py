@@ -72,8 +72,8 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 class RunNotBack:
     """A simulated run that did not come back into the box.
 
-    `start` and `disturbed`: states at its start and disturbances, by number. At its end, after
-    `after_s` seconds, `state` was at `value`. `calm`: without disturbances it is as far out, too.
+    `start` has the run's first state and `disturbed` its disturbances, by number. After `after_s`
+    seconds `state` was at `value`. `calm` says that it is as far out without disturbances.
     """
 
     state: int
@@ -86,7 +86,7 @@ class RunNotBack:
 
 @dataclass(frozen=True)
 class RestRuns:
-    """The simulated runs: `reached`: the ranges of their ends, by state; `astray`: one not back."""
+    """The results of simulated runs: `reached` has the end ranges, `astray` a run left outside."""
 
     reached: dict[int, Interval]
     astray: RunNotBack | None
@@ -95,10 +95,10 @@ class RestRuns:
 def runs_from(
     check: TubeCheck, box: Mapping[int, Interval], asked: Sequence[int]
 ) -> RestRuns | None:
-    """Simulated runs from `box`, which have to come back in the states `asked`.
+    """Simulates runs from `box`, which have to come back in the states `asked`.
 
-    A start is astray if at no output of SC all its runs, one per disturbance, are back: then no
-    part of the box with that start can be shown. None where an operation cannot be simulated.
+    A start is astray if at no output of SC all its runs, one per disturbance, are back; no part of
+    the box with this start can then be shown. Returns None if an operation cannot be simulated.
     """
     if not (flow := _SimulatedRuns.of_check(check)):
         return None
@@ -147,7 +147,7 @@ def runs_from(
 
 
 def _start_points(check: TubeCheck, box: Mapping[int, Interval], asked: Sequence[int]) -> Values:
-    """Starts, shape (n, states): each corner in the states `asked`, the others at each place."""
+    """Starts (n, states): every corner of the box in the states `asked`, with several others."""
     corners = _box_corners([[box[s].low, box[s].high] for s in asked])
     rest = [box.get(s, Interval(0.0, 0.0)) for s in check.states]
     rest = [r if np.isfinite(r.high - r.low) else Interval(0.0, 0.0) for r in rest]
@@ -158,7 +158,7 @@ def _start_points(check: TubeCheck, box: Mapping[int, Interval], asked: Sequence
 
 
 def _box_corners(sides: Sequence[list[float]]) -> list[list[float]]:
-    """The corners of a box; of many sides only the corners with all but one at the same end."""
+    """The corners of a box; of many, only those with all or all but one side at the same end."""
     if 2 ** len(sides) <= CORNERS_MAX:
         return [list(c) for c in product(*sides)]
     ends = [[side[0] for side in sides], [side[1] for side in sides]]
@@ -169,7 +169,7 @@ def _box_corners(sides: Sequence[list[float]]) -> list[list[float]]:
 
 
 def _disturbance_samples(check: TubeCheck) -> Values:
-    """Samples (n, disturbances): all in their middle, all at one end, only one at an end."""
+    """Samples (n, disturbances): all in the middle, all at one end, and only one at an end."""
     ranges = check.problem.disturbances
     still = [middle(d) for d in ranges]
     every = [still, [d.low for d in ranges], [d.high for d in ranges]]
@@ -181,21 +181,21 @@ def _disturbance_samples(check: TubeCheck) -> Values:
 
 @dataclass(frozen=True)
 class _SimulatedRuns:
-    """A simulation of many runs at once, with arrays of states of shape (states, runs)."""
+    """Simulates many runs at once, with arrays of states of shape (states, runs)."""
 
     check: TubeCheck
     steps: int
 
     @classmethod
     def of_check(cls, check: TubeCheck) -> _SimulatedRuns | None:
-        """The simulation of a check; None where an operation is missing in `OPERATIONS`."""
+        """The simulation for a check; None if `OPERATIONS` has not all operations of the check."""
         if not has_known_operations(check):
             return None
         fine = -(-check.times.period // max(1, check.problem.plant_period_ns))
         return cls(check, max(2, min(fine, STEPS_MAX // max(1, check.times.switches))))
 
     def states_after_hold(self, x: Values, w: Values) -> Values:
-        """The states one period of SC later, by Runge-Kutta steps under one held command."""
+        """The states after one period of SC under one held command, by Runge-Kutta steps."""
         check, runs = self.check, x.shape[1]
         step = check.times.period * 1e-9 / self.steps
         read = {("y", s): x[k] for k, s in enumerate(check.states)}
@@ -226,7 +226,7 @@ def has_known_operations(check: TubeCheck) -> bool:
 def values_of_nodes(
     roots: Sequence[Node], inputs: Mapping[tuple[str, int], Values], runs: int
 ) -> list[Values]:
-    """The values of some expressions at these inputs, each of shape (runs,)."""
+    """The values of the expressions at these inputs, an array of shape (runs,) for each."""
     found: dict[Node, Any] = {}
     for e in in_order(roots):
         if e.op in ("number", "known"):

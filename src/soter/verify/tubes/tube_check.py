@@ -42,8 +42,8 @@ from soter.verify.tubes.generated_functions import (
     functions_of,
     number_text,
     numbers_text,
-    shared_text,
     sure_text,
+    text_of_package_file,
 )
 from soter.verify.tubes.kinks import text_that_follows_sc
 from soter.verify.tubes.module_expressions import ModuleExpressions
@@ -94,12 +94,12 @@ ENDINGS = 2
 
 
 class TubeCheck:
-    """The check of one problem; `SoterError` R007 where it needs more than real expressions.
+    """The check of one problem; raises R007 if it needs more than real expressions.
 
-    `states`: the states on which the law or a condition depends, in the order of estimates; their
-    rates read no others. By state: `read_sets`, the values that SC may read; `rooms`, the range
-    within C, by the sets of what plants publish. `turning`: angles that need not come back, whose
-    range is a turn; `cut`: the index of the way in `CUTS`; `kink`: where runs are collected.
+    `states` has the states on which the law or a condition depends, in the order of estimates. By
+    state, `read_sets` has the values that SC may read, and `rooms` the range within C, by the sets
+    of published values. `turning` has angles that need not come back and range over a turn; `cut`
+    is the index of the way in `CUTS`; `kink` says where runs are collected.
     """
 
     law: Sequence[Node]
@@ -127,7 +127,7 @@ class TubeCheck:
         asked = [*self.law, self._defined, self._safe, self._rest]
         self.states = states_read_through(asked, every)
         rates, zero = [every[s] for s in self.states], self.make.constant(0.0)
-        moved = module.moved_rates(rates)
+        moved = module.split_rates(rates)
         self._still, self._ranged, of_movers = moved.still, moved.ranged, enumerate(moved.effects)
         found = [(k, m, e) for m, row in of_movers for k, e in enumerate(row) if e is not zero]
         self._effects = found or [(0, 0, zero)]  # as an array must not be empty
@@ -178,7 +178,7 @@ class TubeCheck:
         self.law, self.kept, self._defined = (step.commands, step.ranges, step.step_condition())
 
     def _refuse_other_topics(self, seen: Mapping[int, tuple[int, int]]) -> None:
-        """Refuses an SC that reads a state by a topic its DM does not read, which may be older."""
+        """Refuses an SC that reads a state by a topic, perhaps older, that its DM does not read."""
         problem, topics = self.problem, self.problem.system.topics
         estimate = {problem.topic_leaf_of_state[s][0] for s in self.states}
         other = sorted(topics[i].name for i in {topic for topic, _ in seen.values()} - estimate)
@@ -191,7 +191,7 @@ class TubeCheck:
             raise NoExpressionError(f"only `{unread[0]}`, which nobody reads, shows a state")
 
     def text_in_flight(self, ways: Mapping[int, Interval]) -> str:
-        """The text that flies; `ways`: Y, the ranges of the states that `moves` does not name."""
+        """The text of the check in flight; `ways` is Y, the range of each state not in `moves`."""
         return self._joined_text(self._texts_in_flight(ways))
 
     def _texts_in_flight(self, ways: Mapping[int, Interval]) -> list[str]:
@@ -199,14 +199,14 @@ class TubeCheck:
         return [*self._tube_texts(ways), *([self._judging_text(shield)] if shield else [])]
 
     def decision_cost(self) -> Cost:
-        """The worst cost of one decision: `good`, `judged` and `toward` together, if they exist."""
+        """The largest cost of a decision: `good`, `judged` and `toward` together, if they exist."""
         functions = functions_of(self.text_in_flight({s: Interval(-1.0, 1.0) for s in self.states}))
         every = [cost_of(functions[n]) for n in ("good", "judged", "toward") if n in functions]
         most = max(cost.bytes for cost in every)
         return every[0]._replace(operations=sum(cost.operations for cost in every), bytes=most)
 
     def offline_operations(self, switches: int) -> int:
-        """The most operations of a function with `switches` outputs of SC; TooLongError."""
+        """The most operations of a function if SC has `switches` outputs; TooLongError if many."""
         shorter = copy(self)
         shorter.times = replace(self.times, switches=switches)
         functions = functions_of(
@@ -220,14 +220,14 @@ class TubeCheck:
         texts = [
             sure_text("law_defined", "y: Forms", self._defined, inputs),
             sure_text("surely_not_at_rest", "x: Forms", self._rest, inputs, truth=False),
-            shared_text("rest.soter"),
+            text_of_package_file("rest.soter"),
         ]
         return self._joined_text([*self._texts_in_flight(ways), *texts])
 
     def _joined_text(self, parts: Sequence[str]) -> str:
-        """The joined text, without the parameters for maps and branches if the module has none.
+        """The joined text, without parameters for maps and branches if the module has none.
 
-        Where no rate has commands as ranges, `spread` is left out, which widens commands.
+        If no rate has commands as ranges, it leaves out `spread`, which widens commands.
         """
         text, first = "\n".join(parts), self.problem.first_map
         if not any(x.of[0] == "u" for x in self._ranged):
@@ -261,7 +261,7 @@ class TubeCheck:
             f"const ANY_FOR: float = {number_text(nearest_seconds(times.any_command))};",
         ]
         moving = [] if shield.proposed is None else [self._moving_text()]
-        return "\n".join([*lines, shared_text("judged.soter"), *moving])
+        return "\n".join([*lines, text_of_package_file("judged.soter"), *moving])
 
     def _moving_text(self) -> str:
         """The text of the functions and constants that move a command (`toward.soter`)."""
@@ -269,7 +269,7 @@ class TubeCheck:
         places = [(i, p) for i in self.problem.module.outputs for p, _ in leaves(topics[i].type)]
         lasting_ns = self.times.latest - self.times.any_command + self.problem.lead_ns
         at, count = [str(places.index((c.owner, c.path))) for c in controls], len(places)
-        tried, text = self.problem.module.symbol.candidates, shared_text("toward.soter")
+        tried, text = self.problem.module.symbol.candidates, text_of_package_file("toward.soter")
         more = 0 if tried is None else sum(1 for _ in leaves(tried.type)) // count
         if more:
             each = "s == 0 ? a : wanted[(s + 1) * NUMBERS + NUMBER[k]]"
@@ -295,13 +295,15 @@ class TubeCheck:
         return found | {("u", k): f"u[{k}]" for k in range(len(q.controls))}
 
     def _tube_texts(self, ways: Mapping[int, Interval]) -> list[str]:
-        """The texts of the constants and functions of the tube, which both programs have."""
+        """The texts of the tube's constants and functions, the same in flight and offline."""
         inputs, ranges = self._input_texts(), self._input_texts(RANGES)
-        constant = shared_text("constant.soter")  # simpler functions of an SC that reads nothing
+        constant = text_of_package_file(
+            "constant.soter"
+        )  # simpler functions of an SC that reads nothing
         return [
             self._constants_text(),
-            shared_text("forms.soter"),
-            shared_text("tube.soter"),
+            text_of_package_file("forms.soter"),
+            text_of_package_file("tube.soter"),
             self._ranged_movers_text(),
             fun_text("rates", f"x: Forms, u: Controls{ON}", self._decided, inputs, "Forms"),
             fun_text("speeds", RANGED, self._still, ranges, "Ranges", RANGES),
@@ -313,17 +315,17 @@ class TubeCheck:
             sure_text("safe", f"x: Forms, {MAP}: Map", self._safe, inputs, first=self._map_guard()),
             sure_text("rests", "x: Forms", self._rest, inputs),
             self._at_rest_text(ways),
-            shared_text("check.soter"),
+            text_of_package_file("check.soter"),
             text_that_follows_sc(self.states, self.kink) if self.answers_vary else constant,
         ]
 
     def _map_guard(self) -> str:
-        """The first lines of `safe`, which refuse maps with a NaN or beyond `FARTHEST`."""
+        """The first lines of `safe`, which refuse a map with NaN or a number beyond `FARTHEST`."""
         asked = f"    if !(abs({MAP}[k]) < {number_text(FARTHEST)}) {{ return false; }}"
         return f"  for k in 0..MAPS {{\n{asked}\n  }}\n" if self.problem.map_leaves else ""
 
     def _ranged_movers_text(self) -> str:
-        """The text of the ranges of disturbances and commands that stand in rates as ranges."""
+        """The text for disturbances and commands that the rates read as ranges."""
         lines, winds = [], self.problem.disturbances
         if any(reads_kind(x, "w") for x in self._ranged):
             forms = [form_text(middle(d), half_width(d), d.low, d.high) for d in winds]
@@ -339,7 +341,7 @@ class TubeCheck:
         return "\n".join(lines)
 
     def _rates_by_number_text(self, inputs: Inputs) -> str:
-        """The text of `fun faced`, the rate of one state by its number, for `tube.soter`."""
+        """The text of `fun faced` for `tube.soter`; it gives the rate of a state by its number."""
         lines, calls = [], "  return EVERYTHING;"
         for k in self._faced:
             rate = [self._still[k]]
@@ -378,7 +380,7 @@ class TubeCheck:
         return f"{head} {{\n{body}\n  return safe(m, {MAP});\n}}\n"
 
     def error_by_state(self) -> dict[int, float]:
-        """The bound of the measurement error of each of `states`, by its number."""
+        """The bound of the measurement error of each state in `states`, by the state's number."""
         p, found = self.problem, dict.fromkeys(self.states, 0.0)
         for leaf, bounds in zip(p.quantities.errors, p.errors, strict=True):
             paths = [path for path, _ in leaves(p.system.topics[leaf.owner].type)]
@@ -388,7 +390,7 @@ class TubeCheck:
         return found
 
     def _constants_text(self) -> str:
-        """The text of all constants: sizes, times in seconds, and ranges."""
+        """The text of all constants, which are sizes, times in seconds, and ranges."""
         sizes = self._whole_number_constants()
         if sizes["SYMBOLS"] > SYMBOLS_MAX:
             msg = f"{sizes['SYMBOLS']} symbols of a form: more than {SYMBOLS_MAX}"
@@ -401,7 +403,7 @@ class TubeCheck:
         return "\n".join([*lines, *self._array_lines(sizes)]) + "\n"
 
     def _whole_number_constants(self) -> dict[str, int]:
-        """The integer constants, by name: counts of states, commands, ...; first symbols."""
+        """The integer constants by name: counts of states, commands, ...; and first symbols."""
         q, times, n = self.problem.quantities, self.times, len(self.states)
         moved = len(q.controls) + len(q.disturbances)
         keep, _ = CUTS[self.cut]
@@ -427,7 +429,7 @@ class TubeCheck:
         }  # fmt: skip
 
     def _sources_of_reads(self) -> list[tuple[int, int]]:
-        """The sources of SC's reads, (topic, state or -1), each of which shows one instant."""
+        """The sources of SC's reads, as (topic, state or -1); each shows only one instant."""
         return sorted({self._sample[s] for s in self.read_by_law}) or [(-1, -1)]
 
     def _seconds(self) -> dict[str, float]:
@@ -449,7 +451,7 @@ class TubeCheck:
         }
 
     def _kept_form_texts(self, sizes: Mapping[str, int]) -> list[str]:
-        """The text of a form for each number that SC keeps, with a symbol of its own."""
+        """The text of a form for each number that SC keeps; each form has a separate symbol."""
         forms, first = [], sizes["READS"] + sizes["STATES"]
         for k, r in enumerate(self.kept, first):
             g = [half_width(r) * (i == k) for i in range(sizes["SYMBOLS"])]
@@ -458,7 +460,7 @@ class TubeCheck:
         return forms
 
     def _array_lines(self, sizes: Mapping[str, int]) -> list[str]:
-        """The lines of the constants that are arrays: ranges of commands, and initial values."""
+        """The lines of the array constants: ranges of commands, and initial values."""
         symbols, kept = sizes["SYMBOLS"], self._kept_form_texts(sizes)
         half = [half_width(c) for c in self.problem.controls]
         wide = [half_width(d) for d in self.problem.disturbances]

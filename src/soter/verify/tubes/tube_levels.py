@@ -33,7 +33,7 @@ IN_S0 = 2
 
 @dataclass(frozen=True, eq=False)
 class TubeLevels(LevelTable):
-    """Levels of estimates: 2 where the check follows SC to rest, 0 everywhere else."""
+    """Levels of estimates: 2 if the check follows SC from the estimate to rest, otherwise 0."""
 
     states: tuple[int, ...]
     text: str
@@ -49,7 +49,7 @@ class TubeLevels(LevelTable):
 
     @classmethod
     def of_check(cls, check: TubeCheck, ways: Mapping[int, Interval], rest: object) -> TubeLevels:
-        """The levels by one check; `ways`: Y, the range of each state as shown offline."""
+        """The levels that a check gives; `ways` is Y, the range of each state as shown offline."""
         return cls(
             tuple(check.states), check.text_in_flight(ways), len(check.problem.map_leaves), rest
         )
@@ -60,7 +60,7 @@ class TubeLevels(LevelTable):
         return functions_of(self.text)
 
     def share_of_volume(self, group: Group) -> float:
-        """Not implemented: there is no group."""
+        """Raises `NotImplementedError`, because tubes have no groups of cells."""
         raise NotImplementedError
 
     def function(self, w: Writer, name: str) -> FunSymbol:
@@ -85,7 +85,7 @@ class TubeLevels(LevelTable):
         return self._call_about_commands(w, "judged", w.floats(held_numbers))
 
     def moved_command(self, w: ShieldWriter, proposed: Topic) -> t.TypedExpr:
-        """The expression for `Shield.moved`; `proposed`: the topic with AC's and SC's commands."""
+        """The expression for `Shield.moved`; `proposed` is a topic with AC's and SC's commands."""
         wanted: t.TypedExpr = t.TopicRead(proposed.type, w.span, proposed.symbol)
         if (tried := w.problem.module.symbol.candidates) is not None:
             more = [w.leaf_of(tried, path) for path, _ in leaves(tried.type)]
@@ -96,7 +96,7 @@ class TubeLevels(LevelTable):
     def _call_about_commands(
         self, w: ShieldWriter, name: str, commands: t.TypedExpr
     ) -> t.TypedExpr:
-        """A call of a function about commands, the estimate, and when earlier commands acted."""
+        """A call of `name` with commands, the estimate, and the times of earlier commands."""
         at, maps = w.floats(estimate_leaves(w, w.problem, self)), self.more_arguments(w, w.problem)
         arguments = [w.floats(maps)] if maps else []
         return w.call_of(
@@ -104,6 +104,6 @@ class TubeLevels(LevelTable):
         )
 
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
-        """The constants of the check; the check itself is made from the program."""
+        """The constants of the check for a certificate; the program determines the check itself."""
         del names, stem, files
         return {"rest": self.rest}

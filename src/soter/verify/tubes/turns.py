@@ -32,7 +32,7 @@ OF_A_TURN = COMPUTED | {"real_sin", "real_cos"}
 
 
 def reads_modulo_turns(roots: Sequence[Node], state: int) -> bool:
-    """Whether `roots` read a state only in angles of functions, as itself or its negative."""
+    """Whether `roots` read a state only as an angle, plus or minus, of periodic functions."""
     times: dict[Node, float] = {}
     """The turns by which each node grows if the state grows by one turn; inf: no multiple."""
     for e in in_order(roots):
@@ -47,9 +47,9 @@ def reads_modulo_turns(roots: Sequence[Node], state: int) -> bool:
 def turning_states(
     asked: Sequence[Node], rates: Sequence[Node], drifts: Collection[int]
 ) -> list[int]:
-    """The states that need not come back, as all expressions read them modulo a full turn.
+    """The states that need not come back, because all expressions read them modulo a full turn.
 
-    A state with a declared set is none: the set is a part of C, which then counts the turns.
+    A state with a declared set is not among them: its set is a part of C, which counts the turns.
     """
     read = states_read(asked) - {*drifts}
     found = [s for s in sorted(read) if reads_modulo_turns([*asked, *rates], s)]
@@ -57,7 +57,7 @@ def turning_states(
 
 
 def _multiple_of_state(e: Node, of: Sequence[float], state: int) -> float:
-    """The multiple of the state in `e`, `of` being those in its operands; inf: not a multiple."""
+    """The factor of the state in `e`, from the factors `of` of its operands; inf if not linear."""
     if e.op == "input":
         return float(e.of[0] in "xy" and e.of[1] == state)
     if not any(of) or (e.op in OF_A_TURN and abs(of[0]) == 1.0):
@@ -73,7 +73,7 @@ def _multiple_of_state(e: Node, of: Sequence[float], state: int) -> float:
 def with_rounding_of_turns(
     make: Expressions, roots: Sequence[Node], turning: Sequence[int]
 ) -> list[Node]:
-    """The same expressions, in which angles have the rounding error of many turns."""
+    """The expressions with the rounding error of many turns added to angles."""
     known: dict[Node, Node] = {}
     for e in in_order(roots):
         if e.op in COMPUTED and states_read([e]) & {*turning}:

@@ -29,7 +29,7 @@ from soter.verify.claims.results import (
     ModuleResult,
 )
 from soter.verify.deploy.missing_predicates import rest_claims
-from soter.verify.diagnosis.vacuity import tell_vacuity_in_row, vacuity_of_rest
+from soter.verify.diagnosis.vacuity import mention_vacuity_in_claim, vacuity_of_rest
 from soter.verify.diagnosis.variations import problem_with_younger_sc_reads
 from soter.verify.problem.problem import Assumption
 from soter.verify.proof_methods import figures_entry
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 def certificate_entry(
     result: TubeResult, system: str, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    """The module's entry in the manifest of a certificate; adds nothing to `files`."""
+    """The module's entry in the manifest of a certificate, for which no files are needed."""
     del stem, files
     verdicts = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
     verdicts.pop("failsafe", None)  # none is declared: there is nothing to be claimed
@@ -59,7 +59,7 @@ def certificate_entry(
 
 
 def _entry_of_plan(result: TubeResult) -> dict[str, object]:
-    """The part of an entry about one plan, or about the only one of a module."""
+    """The part of an entry for one plan, or for the only plan of a module."""
     problem = result.problem
     return {
         "plants": [c.name for c in problem.system.components if c.role == "plant"],
@@ -107,9 +107,9 @@ MOVES = (
 
 
 class TubeResult(ModuleResult):
-    """The result for a module that decides by tubes: `claims` are those shown offline.
+    """The result for a module that decides by tubes; `claims` are the claims shown offline.
 
-    `plans`: for several plans the result of each; `check` and `claims` are those of the first.
+    For several plans `plans` has the result of each; `check` and `claims` are those of the first.
     """
 
     problem: TubeProblem
@@ -119,13 +119,13 @@ class TubeResult(ModuleResult):
 
     @property
     def verdict(self) -> str:
-        """The verdict, which is never `proved`, as the check in flight is tested, not proved."""
+        """The verdict; it is never `proved`, as the check in flight is tested and not proved."""
         inner = super().verdict
         return ASSUMED if inner == PROVED else inner
 
     @property
     def verdict_note(self) -> str:
-        """The note beside the verdict that decisions are made in flight; "": none is needed."""
+        """The note beside the verdict that decisions are made in flight; "" if not needed."""
         return DECIDED if self.verdict == ASSUMED else ""
 
 
@@ -137,10 +137,10 @@ def verify_by_tubes(
     search: object = None,
     compiled: object = None,
 ) -> TubeResult:
-    """The result for one module; `SoterError` R007 where the theorem or check does not cover it.
+    """Verifies one module by tubes; raises R007 if the theorem or the check does not cover it.
 
-    `refute` or `explain`: where rest is not shown, younger reads are tried. `search` and `compiled`
-    are unused parameters of every method: no refuting run is searched.
+    With `refute` or `explain`, younger reads are tried if rest is not shown. `search` and
+    `compiled` are unused parameters that every method has: no refuting run is searched.
     """
     if problem.plans:
         results = [verify_by_tubes(p, refute=refute, explain=explain) for p in problem.plans]
@@ -185,13 +185,13 @@ def verify_by_tubes(
     result.findings = {p: findings[p] for p in PROPERTIES}
     result.at_the_start = NOT_GIVEN if not (why or claims.given) else ""
     result.vacuity = vacuity_of_rest(problem, result.at_the_start)
-    tell_vacuity_in_row(result)
+    mention_vacuity_in_claim(result)
     result.seconds = time.perf_counter() - began
     return result
 
 
 def _joined_results(problem: TubeProblem, results: Sequence[TubeResult]) -> TubeResult:
-    """The result for several plans: claims have to hold for all, `start` only for the first."""
+    """The result for several plans; claims must hold for all plans, `start` only for the first."""
     added = dict.fromkeys(a for r in results for a in r.assumptions)
     result = TubeResult(problem, {}, [], added=tuple(added))
     result.check, result.claims, result.plans = results[0].check, results[0].claims, tuple(results)
@@ -217,7 +217,7 @@ def _joined_finding(results: Sequence[TubeResult], name: str) -> Finding:
 
 
 def _advice_on_rest(check: TubeCheck, claims: RestClaims, *, ask: bool) -> str:
-    """Advice for a rest that is not shown; `ask`: whether younger reads may be tried."""
+    """Advice for a rest that is not shown; `ask` says whether younger reads may be tried."""
     far = _unbounded_states(check, claims)
     unbounded = ", ".join(map(check.problem.leaf_of_state, far))
     asked = ask and not (far or claims.astray is not None)
@@ -241,13 +241,13 @@ def _advice_on_rest(check: TubeCheck, claims: RestClaims, *, ask: bool) -> str:
 
 
 def _doubt_in_words(problem: TubeProblem) -> str:
-    """The warning W022 of `soter check` about `rest`, with its help; "" where there is none."""
+    """The warning W022 of `soter check` about `rest`, with its help; "" without a warning."""
     found = doubt_about_rest(problem.system, problem.module, unproved=True)
     return "" if found is None else f"{found[1]}, {found[2]}: {help_texts([found[3]])[0]}"
 
 
 def _younger_reads_in_words(problem: TubeProblem) -> str:
-    """The smaller `age` tried, and whether rest is shown with it; "": there is none to try."""
+    """The smaller `age` that was tried, and whether it shows rest; "" if none can be tried."""
     changed = problem_with_younger_sc_reads(problem)
     if changed is None or not isinstance(changed[0], TubeProblem):
         return ""
@@ -258,7 +258,7 @@ def _younger_reads_in_words(problem: TubeProblem) -> str:
 
 
 def _advice_on_delays(check: TubeCheck, tried: str) -> Iterator[str]:
-    """Advice on what makes SC late: old reads, and delays of its commands."""
+    """Advice on old reads and on delays of commands, which make SC late."""
     times = check.problem.times
     if tried or (check.read_by_law and times.age_sc > times.delta_sc):
         yield (
@@ -270,7 +270,7 @@ def _advice_on_delays(check: TubeCheck, tried: str) -> Iterator[str]:
 
 
 def _advice_on_sets(check: TubeCheck) -> str:
-    """Advice to declare sets for topics that SC reads; "" where none is missing."""
+    """Advice to declare sets for topics that SC reads; "" if all have sets."""
     far = [
         check.problem.leaf_of_state(s)
         for s in sorted(check.read_by_law)
@@ -281,9 +281,9 @@ def _advice_on_sets(check: TubeCheck) -> str:
 
 
 def _unbounded_states(check: TubeCheck, claims: RestClaims) -> list[int]:
-    """The states that `rest` leaves unbounded though SC reads them or a run is lost there.
+    """The states that `rest` leaves unbounded though SC reads them or a run is lost in them.
 
-    If there are none, the states that were left out of the box around rest.
+    If none exist, it gives the states that were left out of the box around rest.
     """
     unsaid = (check.read_by_law | {claims.astray}) - check.read_by_rest
     box = claims.box.items()
@@ -292,13 +292,13 @@ def _unbounded_states(check: TubeCheck, claims: RestClaims) -> list[int]:
 
 
 def _names_left_open(check: TubeCheck, claims: RestClaims) -> str:
-    """The names of the states that rates read and `rest` does not; joined by commas."""
+    """The names, joined by commas, of states that rates read but `rest` does not."""
     asked = check.read_by_rates - check.read_by_rest
     return ", ".join(check.problem.leaf_of_state(s) for s in claims.box if s in asked)
 
 
 def _far_assumptions(check: TubeCheck) -> list[Assumption]:
-    """The assumption that states without a set stay below `FARTHEST`, as a list of one or none."""
+    """A list with the assumption that states without sets stay below `FARTHEST`; may be empty."""
     unmoved_states = [s for s in check.states if s not in check.problem.drifts]
     far = {s for s in unmoved_states if is_far(check.rooms[s])}
     far |= {s for s in check.read_by_law if is_far(check.read_sets[s])}
@@ -309,7 +309,7 @@ def _far_assumptions(check: TubeCheck) -> list[Assumption]:
 
 
 def _turns_assumptions(check: TubeCheck) -> list[Assumption]:
-    """The assumption about angles that need not come back, as a list of one or none."""
+    """A list with the assumption on angles that need not come back, or an empty list."""
     names = ", ".join(check.problem.quantities.states[s].name for s in check.turning)
     text = f"{names} stays within {FARTHEST_TURN:,.0f} rad of 0: it is read modulo a full turn"
     return [Assumption("turns", f"{text}, and need not come back")] if names else []
@@ -329,7 +329,7 @@ def _start_text(check: TubeCheck) -> str:
 
 
 def _finding_on_return(problem: TubeProblem) -> Finding:
-    """The finding on P2b, assumed as it depends on the estimates and maps of the flight."""
+    """The finding on P2b; it is assumed, as it depends on estimates and maps in flight."""
     stays = problem.module.symbol.stay_clause
     if stays:
         return Finding(ASSUMED, text=STAYS.format(stays))

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 @pytest.fixture
 def train(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A certificate whose claims are taken for shown, and a tube that asks for little."""
-    monkeypatch.setattr(check_rest, "_functions_that_show", lambda *_: ())
+    monkeypatch.setattr(check_rest, "_claim_checks", lambda *_: ())
     monkeypatch.setattr(flight_check, "tube_of_entry", lambda *_: Standstill())
     return certificate(tmp_path / "cert")
 

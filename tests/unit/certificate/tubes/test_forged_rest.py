@@ -162,7 +162,7 @@ def test_other_constants_than_those_of_the_program_are_seen(
     name: str, right: tuple[Any, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing is followed: the constants alone are refused."""
-    monkeypatch.setattr(check_rest, "_functions_that_show", lambda *_: ())
+    monkeypatch.setattr(check_rest, "_claim_checks", lambda *_: ())
     flat, made = right[0], deepcopy(right[1])
     recheck_rest(flat, made)
     if name == "P1c is proved":  # all times are declared

@@ -81,7 +81,7 @@ STAGES = {
     "read_times": ("soter.certificate.reading.problem", "a grid"),
     "require_supported": ("soter.certificate.rechecker", "a grid"),
     "sc_chain": ("soter.certificate.grid.group_claims", "a grid"),
-    "phase_steps": ("soter.certificate.grid.group_claims", "computed"),
+    "free_phase_steps": ("soter.certificate.grid.group_claims", "computed"),
     "require_defined_rates": ("soter.certificate.case_check", "a grid"),
     "axes_seen_by_dm": ("soter.certificate.extras.estimates_and_shield", "computed"),
     "_require_affordable": ("soter.certificate.induction.check_claims", "an induction"),

@@ -36,9 +36,9 @@ def test_the_solver_gives_up_after_so_much_work(monkeypatch: pytest.MonkeyPatch)
     assert _pigeons(4).check() == z3.unknown
 
 
-@pytest.mark.parametrize("way", ["_with_equations_solved", "_as_it_is", "_with_simplex"])
+@pytest.mark.parametrize("way", ["_with_equations_solved", "_with_default_solver", "_with_simplex"])
 def test_each_way_of_searching_answers_by_itself(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    for other in ("_with_equations_solved", "_as_it_is", "_with_simplex"):
+    for other in ("_with_equations_solved", "_with_default_solver", "_with_simplex"):
         if other != way:
             monkeypatch.setattr(Query, other, getattr(Query, way))
     assert _pigeons(4).check() == z3.unsat

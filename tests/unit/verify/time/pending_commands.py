@@ -37,7 +37,7 @@ def late_system(draw: random.Random) -> Schedule:
         if (
             dm.latest <= dm.period
             and system.latest_output <= sc.period
-            and not system.are_windows_apart
+            and not system.are_windows_short
         ):
             return system
 

@@ -68,7 +68,7 @@ def test_an_oven_with_a_dead_time_of_eight_periods_is_proved_and_accepted(tmp_pa
     path.write_text(OVEN, encoding="utf-8")
     report = soter.load(path).verify(cert=tmp_path / "cert")
     (module,) = report.modules
-    assert not module.problem.times.schedule.are_windows_apart
+    assert not module.problem.times.schedule.are_windows_short
     assert {c: f.verdict for c, f in module.findings.items() if c in ("P2a", "P2b", "P3")} == {
         "P2a": "proved", "P2b": "proved", "P3": "proved"
     }  # fmt: skip
@@ -114,7 +114,7 @@ def test_where_no_proof_is_known_it_is_refused(changes: list[tuple[str, str]]) -
 def test_a_least_time_is_no_lateness() -> None:
     text = written(OVEN, [("within 8s", "within 8s to 8500ms")])
     (module,) = verify(check_file("oven.soter", text), refute=False).modules
-    assert module.problem.times.schedule.are_windows_apart
+    assert module.problem.times.schedule.are_windows_short
 
 
 def refused(text: str) -> tuple[Diagnostic, ...]:

@@ -38,11 +38,11 @@ ITEMS_MAX = 10_000
 
 
 class _LostError(Exception):
-    """Says that an item must be left out because of an error that has been reported."""
+    """An error for an item that is left out, because one of its errors was reported."""
 
 
 class Unroller:
-    """Unrolls the loops of one system or test; `instances` are those that items may name."""
+    """Unrolls the loops of one system or test, whose items may name the `instances`."""
 
     def __init__(
         self,
@@ -63,7 +63,7 @@ class Unroller:
     def named_instances(
         self, items: Sequence[tree.Instance | tree.Repeated]
     ) -> Iterator[tuple[tree.Name, tree.Instance, Values]]:
-        """Yields each instance with its name and the values of the loop variables around it."""
+        """Yields the name of each instance, the instance, and the values of its loop variables."""
         for item, values in self._unrolled(items, {}):
             assert isinstance(item, tree.Instance)
             try:
@@ -73,14 +73,14 @@ class Unroller:
         self._arrays.clear()  # now that all instances are known
 
     def unroll(self, items: Sequence[_Item | tree.Repeated]) -> list[_Item]:
-        """Gives the items of all rounds of loops, with their numbers for the loop variables."""
-        filled = (self.filled_item(item, values) for item, values in self._unrolled(items, {}))
+        """Gives the items of all rounds of loops, with numbers in place of the loop variables."""
+        filled = (self.unrolled_item(item, values) for item, values in self._unrolled(items, {}))
         return [cast("_Item", item) for item in filled if item is not None]
 
-    def filled_item(self, item: object, values: Values) -> object | None:
-        """Gives an item with numbers for loop variables, `r[0]` for `r[i]`; None after a report."""
+    def unrolled_item(self, item: object, values: Values) -> object | None:
+        """Gives the item with numbers for loop variables, `r[0]` for `r[i]`; None after errors."""
         try:
-            concrete_item = self._filled_syntax(item, values)
+            concrete_item = self._unrolled_syntax(item, values)
         except _LostError:
             self.shared.names.losses += 1
             return None
@@ -95,7 +95,9 @@ class Unroller:
                 continue
             try:
                 bound = f"the bound of a loop of {self.subject}"
-                low, high = (self._int_of(e, values, bound, "T007") for e in (item.low, item.high))
+                low, high = (
+                    self._constant_int(e, values, bound, "T007") for e in (item.low, item.high)
+                )
             except _LostError:
                 self.shared.names.losses += 1
                 continue
@@ -111,7 +113,7 @@ class Unroller:
 
     @property
     def has_too_many_items(self) -> bool:
-        """Whether the loops came to more than ITEMS_MAX items, which has been reported."""
+        """Whether the loops made more than ITEMS_MAX items; the error has been reported already."""
         return self._left < 0
 
     def _report_too_many(self, item: tree.Repeated) -> None:
@@ -127,7 +129,7 @@ class Unroller:
         )
 
     def _warn_of_empty_loop(self, item: tree.Repeated, low: int, high: int) -> None:
-        """Warns W011 of a loop that ends before it begins, unless a loop around sets its bounds."""
+        """Warns W011 of a loop that has no rounds."""
         name = item.name.text
         self.shared.diagnostics.warning(
             "W011",
@@ -139,11 +141,11 @@ class Unroller:
             ),
         )
 
-    def _int_of(
+    def _constant_int(
         self, expr: tree.SyntaxExpr, values: Values, subject: str, code: Code = "T008"
     ) -> int:
         """Gives the value of a constant expression over loop variables; raises `_LostError`."""
-        expr = self._filled_expr(expr, values)
+        expr = self._unrolled_expr(expr, values)
         if isinstance(expr, tree.IntLit):
             return expr.value
         value = self.shared.const_value(expr, self.scope, INT, subject, None, code)
@@ -153,36 +155,36 @@ class Unroller:
 
     # ------------------------------------------------------------ filling in
 
-    def _filled_expr(self, expr: tree.SyntaxExpr, values: Values) -> tree.SyntaxExpr:
-        concrete_expr = self._filled_syntax(expr, values)
+    def _unrolled_expr(self, expr: tree.SyntaxExpr, values: Values) -> tree.SyntaxExpr:
+        concrete_expr = self._unrolled_syntax(expr, values)
         assert isinstance(concrete_expr, tree.SyntaxExpr)
         return concrete_expr
 
-    def _filled_syntax(self, node: object, values: Values) -> object:
+    def _unrolled_syntax(self, node: object, values: Values) -> object:
         """Gives syntax with numbers for loop variables, and with `r[0]` for an element `r[i]`."""
         if isinstance(node, tuple):
-            parts = tuple(self._filled_syntax(x, values) for x in node)
+            parts = tuple(self._unrolled_syntax(x, values) for x in node)
             return parts if any(a is not b for a, b in zip(parts, node, strict=True)) else node
         if isinstance(node, tree.NameExpr):
-            return self._filled_variable(node, values)
+            return self._unrolled_variable(node, values)
         if isinstance(node, tree.Name):
             return self._element_name(node, values)
         if isinstance(node, tree.DottedPath):
-            return self._filled_path(node, values)
+            return self._unrolled_path(node, values)
         if isinstance(node, tree.IndexExpr):
-            return self._filled_index(node, values)
+            return self._unrolled_index(node, values)
         if not isinstance(node, _FILLED):
             return node
         called = isinstance(node, tree.CallExpr)
         changed: dict[str, Any] = {}
         for field in ["arguments"] if called else [f.name for f in fields(node)]:
             old = getattr(node, field)
-            new = self._filled_syntax(old, values)
+            new = self._unrolled_syntax(old, values)
             if new is not old:
                 changed[field] = new
         return replace(node, **changed) if changed else node
 
-    def _filled_variable(self, node: tree.NameExpr, values: Values) -> tree.SyntaxExpr:
+    def _unrolled_variable(self, node: tree.NameExpr, values: Values) -> tree.SyntaxExpr:
         value = values.get(node.name.text)
         if value is None:
             return node
@@ -196,14 +198,14 @@ class Unroller:
         if not isinstance(name, tree.ElementName):
             return name
         subject = f"the index of `{name.text}`"
-        numbers = [self._int_of(i, values, subject) for i in name.indices]
+        numbers = [self._constant_int(i, values, subject) for i in name.indices]
         text = name.text + "".join(f"[{n}]" for n in numbers)
         if any(n < 0 for n in numbers):
             self._report_no_element(text, name.span, (), name.indices, values)
         return tree.Name(text, name.span)
 
-    def _filled_path(self, path: tree.DottedPath, values: Values) -> tree.DottedPath:
-        """Gives a path with names for elements; reports an element that does not exist."""
+    def _unrolled_path(self, path: tree.DottedPath, values: Values) -> tree.DottedPath:
+        """Gives a path with names such as `r[0]` for elements; reports a missing element."""
         if not any(isinstance(p, tree.ElementName) for p in path.parts):
             return path
         names: list[tree.Name] = []
@@ -217,23 +219,23 @@ class Unroller:
             names.append(name)
         return tree.DottedPath(tuple(names), path.span)
 
-    def _filled_index(self, node: tree.IndexExpr, values: Values) -> tree.SyntaxExpr:
-        """Gives the name of an element for `r[i]` if `r` is an array of instances."""
+    def _unrolled_index(self, node: tree.IndexExpr, values: Values) -> tree.SyntaxExpr:
+        """Gives the name `r[0]` for `r[i]` if `r` is an array of instances, else the expression."""
         base: tree.SyntaxExpr = node
         indices: list[tree.SyntaxExpr] = []
         while isinstance(base, tree.IndexExpr):
             indices.append(base.index)
             base = base.target
-        base = self._filled_expr(base, values)
+        base = self._unrolled_expr(base, values)
         names = names_of_chain(base)
         inside = self._instances_in(names[:-1]) if names else None
         count = self._index_count(inside, names[-1].text) if names and inside is not None else 0
         if not names or not 0 < count <= len(indices):
-            target = self._filled_expr(node.target, values)
-            return replace(node, target=target, index=self._filled_expr(node.index, values))
+            target = self._unrolled_expr(node.target, values)
+            return replace(node, target=target, index=self._unrolled_expr(node.index, values))
         assert inside is not None
         numbers = [
-            self._int_of(i, values, f"the index of `{names[-1].text}`") for i in indices[::-1]
+            self._constant_int(i, values, f"the index of `{names[-1].text}`") for i in indices[::-1]
         ]
         text = names[-1].text + "".join(f"[{n}]" for n in numbers[:count])
         if text not in inside:
@@ -246,11 +248,11 @@ class Unroller:
             else tree.NameExpr(node.span, name)
         )
         for i in indices[: len(indices) - count][::-1]:
-            result = tree.IndexExpr(node.span, result, self._filled_expr(i, values))
+            result = tree.IndexExpr(node.span, result, self._unrolled_expr(i, values))
         return result
 
     def _instances_in(self, path: Sequence[tree.Name]) -> Mapping[str, typed.InstanceSymbol] | None:
-        """Gives the instances in the system at a path of instances; None if no system is there."""
+        """Gives the instances inside the system at `path`; None if `path` names no system."""
         inside = self.instances
         for name in path:
             instance = inside.get(name.text)
@@ -260,7 +262,7 @@ class Unroller:
         return inside
 
     def _index_count(self, inside: Mapping[str, typed.InstanceSymbol], array: str) -> int:
-        """Gives how many indices an element of an array of instances has; 0 for no array."""
+        """Gives how many indices an element of the instance array has; 0 if it is no array."""
         known = self._arrays.get(id(inside))
         if known is None:
             known = self._arrays[id(inside)] = {
@@ -328,7 +330,7 @@ class Wires(CheckerPart):
     def topic_at_far_end(
         self, path: tree.DottedPath, instances: dict[str, typed.InstanceSymbol], scope: FileScope
     ) -> typed.TopicSymbol | None:
-        """Gives the topic of `topic`, `file.topic` or `instance.topic`; None after a report."""
+        """Gives the topic of `topic`, `file.topic` or `instance.topic`; None after an error."""
         names = path.parts
         symbol, depth = find_instance(instances, names)
         if len(names) <= 2 and (depth == 0 or (len(names) == 1 and "[" not in names[0].text)):
@@ -346,7 +348,7 @@ class Wires(CheckerPart):
         return None
 
     def names_parameter(self, inner: tree.Ref, outer: tree.DottedPath, scope: FileScope) -> bool:
-        """Whether a wire names a parameter, which no wire can set; reports N003 if it does."""
+        """Whether a wire names a parameter; reports N003 if so, as wires cannot set parameters."""
         entry = scope.entries.get(inner.name.text) if inner.qualifier is None else None
         if entry is None or entry.kind != "parameter":
             return False
@@ -380,7 +382,7 @@ class Wires(CheckerPart):
     def is_reversed_wire(
         self, symbol: object, inner: typed.TopicSymbol, outer: typed.TopicSymbol
     ) -> bool:
-        """Whether through a wire an instance of `symbol` would publish `outer`, an input topic."""
+        """Whether an instance of `symbol` would publish the input topic `outer` through a wire."""
         return outer.input and not inner.input and self._drives_topic(symbol, inner)
 
     def _drives_topic(self, symbol: object, topic: typed.TopicSymbol) -> bool:

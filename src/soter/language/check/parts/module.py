@@ -12,7 +12,7 @@ from soter.language.check.checker_interface import Context
 from soter.language.check.dots_and_brackets import hint_to_one_number, quoted
 from soter.language.check.expression_base import CheckerPart, has_error
 from soter.language.check.parts.node import period_or_unknown
-from soter.language.check.parts.plans import join_steps, sc_and_its_topic
+from soter.language.check.parts.plans import sc_and_its_topic, set_step_from_plans
 from soter.language.check.parts.verify_block import VerifyChecker
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes, topic_reads
@@ -52,7 +52,7 @@ class ModuleChecker(CheckerPart):
     def symbol_of(
         self, decl: tree.RtaDecl, scope: FileScope, full_name: str
     ) -> typed.ModuleSymbol | None:
-        """Gives the symbol of a module with checked controllers and period; None without one."""
+        """Gives the symbol of a module, with its controllers and period; None if one is missing."""
         context = Context(scope, f"the declaration of module `{decl.name.text}`")
         parts = {"ac": decl.ac, "sc": decl.sc, "period": decl.period, "safe": decl.safe}
         missing = [word for word, part in parts.items() if part is None]
@@ -111,7 +111,7 @@ class ModuleChecker(CheckerPart):
         return module
 
     def _check_shield(self, decl: tree.RtaDecl, context: Context) -> typed.TypedExpr | None:
-        """Gives into how many cells commands are cut; reports M027 for `shield;` without `rest`."""
+        """Gives the count of cells per command; reports M027 for `shield;` without `rest`."""
         if not isinstance(decl.shield, tree.EachCommand):
             return self.check_number_if_given(decl.shield, context, INT, "`shield`")
         if decl.rest is None and decl.name.text not in context.scope.broken:
@@ -127,7 +127,7 @@ class ModuleChecker(CheckerPart):
     def _synthesized_node(
         self, decl: tree.Synthesized, ac: typed.NodeSymbol | None, context: Context
     ) -> typed.NodeSymbol | None:
-        """Gives an extern node with AC's outputs, in the place of the SC that is to be found."""
+        """Gives an extern node with AC's outputs, as placeholder for the SC to be synthesized."""
         period = self.shared.check_number(decl.period, context, DURATION, "a period")
         if ac is None or period is None:
             return None
@@ -150,13 +150,13 @@ class ModuleChecker(CheckerPart):
         )
 
     def check_body(self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope) -> None:
-        """Checks predicates and the other clauses, and the `verify` block."""
+        """Checks predicates, the other clauses and the `verify` block."""
         assert decl.safe is not None
         check = self.shared.check_expr
         where = f"module `{decl.name.text}`"
         context = Context(scope, where, topics="any", has_modes=True)
         if module.plan is not None:
-            join_steps(module, decl, self.diagnostics)
+            set_step_from_plans(module, decl, self.diagnostics)
         name = decl.name.span
         safe = name, "`safe` is the condition that must hold all the time"
         ttf = name, "`ttf` is the condition under which SC takes over, as in `ttf x > LIMIT;`"
@@ -190,7 +190,7 @@ class ModuleChecker(CheckerPart):
     def _check_rest(
         self, decl: tree.RtaDecl, rest: tree.Rest, scope: FileScope
     ) -> typed.RestSymbol | None:
-        """Checks `rest`, a condition over plants' topics; reports M029 for clauses it excludes."""
+        """Checks `rest`, a condition on plants' topics; reports M029 for excluded clauses."""
         where = f"`rest` of module `{decl.name.text}`"
         numbers = Context(scope, where)
         condition = self.shared.check_expr(
@@ -229,7 +229,7 @@ class ModuleChecker(CheckerPart):
         return typed.RestSymbol(condition, kept, within, rest.span)
 
     def _reads_only_state(self, condition: typed.TypedExpr, decl: tree.RtaDecl) -> bool:
-        """Whether `rest` reads only the state; reports M029 for ages and externs."""
+        """Whether `rest` reads only the state; reports M029 if it reads ages or calls externs."""
         calls = self.shared.calls
         for node in nodes([condition]):
             if isinstance(node, typed.AgeRead):
@@ -251,7 +251,7 @@ class ModuleChecker(CheckerPart):
     def _rest_move(
         self, item: tree.Move, context: Context, scope: FileScope
     ) -> typed.RestMove | None:
-        """Checks how far a number of a topic may move in `rest`; reports T001 for no `float`."""
+        """Checks how far a number may move in `rest`; reports T001 if it is no `float`."""
         by = self.shared.check_number(item.by, context, FLOAT, "how far it moves")
         place = self.shared.topic_of_path(item.path, scope)
         if place is None or has_error(by):
@@ -361,7 +361,7 @@ class ModuleChecker(CheckerPart):
     def _require_outputs(
         self, module: typed.ModuleSymbol, item: tree.Clause, condition: typed.TypedExpr
     ) -> None:
-        """Reports M022: a guarantee must read an output of the module, an assumption must not."""
+        """Reports M022 for a guarantee that reads no output, or an assumption that reads one."""
         outputs = set(module.sc.publishes)
         read = topic_reads(condition)
         outputs_read = [e for t, e in read.items() if t in outputs]
@@ -391,7 +391,7 @@ class ModuleChecker(CheckerPart):
 
 
 def _clauses_excluded_by_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
-    """Yields the word and place of each clause, also of `verify`, that `rest` excludes."""
+    """Yields the keyword and place of each clause, also in `verify`, that `rest` excludes."""
     for word in ("ttf", "safer", "shield"):
         part = getattr(decl, word)
         if part is not None and not isinstance(part, tree.EachCommand):
@@ -414,7 +414,7 @@ def _clauses_excluded_by_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
 
 
 def _nodes_with_outputs_of(name: str, scope: FileScope) -> list[str]:
-    """Gives other nodes with the same outputs as node `name`; all with outputs if it is unknown."""
+    """Gives other nodes with the outputs of node `name`; if unknown, all nodes with outputs."""
     known = [e.decl for e in scope.entries.values() if isinstance(e.decl, tree.NodeDecl)]
     outputs = {d.name.text: {p.topic.text for p in d.publishes} for d in known}
     wanted = outputs.get(name)
@@ -422,7 +422,7 @@ def _nodes_with_outputs_of(name: str, scope: FileScope) -> list[str]:
 
 
 def _text_of_missing_clauses(decl: tree.RtaDecl, scope: FileScope, missing: list[str]) -> str:
-    """Gives a help that names the missing clauses, with nodes of this file that fit."""
+    """Gives a help text that names the missing clauses, and nodes of this file that fit."""
     other = next((p.text for p in (decl.ac, decl.sc) if isinstance(p, tree.Ref)), "")
     alike = _nodes_with_outputs_of(other, scope)
     examples = {"ac": "ac ...;", "sc": "sc ...;", "period": "period 50ms;", "safe": "safe ...;"}

@@ -42,8 +42,8 @@ def check_binding(source: str | None, span: Span | None, diagnostics: Diagnostic
     )
 
 
-def located_binding(source: str | None, scope: FileScope) -> str | None:
-    """Gives a binding whose path is joined to the folder of the file that declares it."""
+def binding_in_folder(source: str | None, scope: FileScope) -> str | None:
+    """Gives the binding with its path resolved from the folder of the declaring file."""
     binding = binding_of(source)
     return source if binding is None else str(binding.in_folder(scope.loaded.path.parent))
 
@@ -77,7 +77,7 @@ class NodeChecker(CheckerPart):
     """Checks nodes of one program."""
 
     def symbol_of(self, decl: tree.NodeDecl, scope: FileScope, full_name: str) -> typed.NodeSymbol:
-        """Gives the symbol of a node, of which everything but the code is checked."""
+        """Gives the symbol of a node, in which everything except the code is checked."""
         context = Context(scope, f"the declaration of node `{decl.name.text}`")
         period = self.shared.check_number(decl.period, context, DURATION, "a period")
         phase = self.check_number_if_given(decl.phase, context, DURATION, "a phase")
@@ -93,7 +93,7 @@ class NodeChecker(CheckerPart):
             period=period_or_unknown(period),
             phase=phase,
             extern=decl.extern,
-            source=located_binding(decl.source, scope),
+            source=binding_in_folder(decl.source, scope),
             subscribes=tuple(subscribes.values()),
             publishes=tuple(publishes),
             failsafe=failsafe,
@@ -114,7 +114,7 @@ class NodeChecker(CheckerPart):
     def _check_takes(
         self, decl: tree.NodeDecl, context: Context
     ) -> tuple[typed.TypedExpr, typed.TypedExpr] | None:
-        """Gives the least and the longest time of a step; None if undeclared, or after a report."""
+        """Gives the least and longest time of a step; None if undeclared or after an error."""
         if decl.takes is None:
             return None
         low, high = (
@@ -141,14 +141,16 @@ class NodeChecker(CheckerPart):
                 )
                 continue
             policy = s.policy or "drop_oldest"
-            queue = self._message_count(s.queue, s.span, topic, "a queue holds", "this queue holds")
+            queue = self._checked_message_count(
+                s.queue, s.span, topic, "a queue holds", "this queue holds"
+            )
             subscription_by_topic[topic] = typed.Subscribed(topic, queue, policy, s.span)
         return subscription_by_topic
 
-    def _message_count(
+    def _checked_message_count(
         self, count: int | None, span: Span, topic: typed.TopicSymbol, each: str, these: str
     ) -> int | None:
-        """Gives how many messages a queue or a step may have, if declared; T011 for a bad count."""
+        """Gives the declared size of a queue or burst, or None; reports T011 for a bad size."""
         if count is None:
             return None
         numbers = count * leaf_count(topic.type)
@@ -166,7 +168,7 @@ class NodeChecker(CheckerPart):
         subscribes: dict[typed.TopicSymbol, typed.Subscribed],
         bursts: dict[typed.TopicSymbol, int],
     ) -> dict[typed.TopicSymbol, Span]:
-        """Gives output -> its place; fills `bursts`; reports M001 of an output that is an input."""
+        """Gives output -> place and fills `bursts`; reports M001 for an output that is an input."""
         span_by_topic: dict[typed.TopicSymbol, Span] = {}
         for publication in decl.publishes:
             ref = publication.topic
@@ -192,7 +194,9 @@ class NodeChecker(CheckerPart):
                 refuse_input_topic(topic, ref.span, self.diagnostics)
             span_by_topic[topic] = ref.span
             count, at = publication.burst, publication.span
-            burst = self._message_count(count, at, topic, "a step publishes", "these messages hold")
+            burst = self._checked_message_count(
+                count, at, topic, "a step publishes", "these messages hold"
+            )
             if burst is not None:
                 bursts[topic] = burst
         if len(span_by_topic) > MAX_OUTPUTS:
@@ -217,7 +221,7 @@ class NodeChecker(CheckerPart):
         spans: Mapping[typed.TopicSymbol, typed.Subscribed | Span],
         verb: str,
     ) -> None:
-        """Reports M017 of two topics with one last name, by which an extern's code knows them."""
+        """Reports M017 for two topics with the same last name, as externs know only last names."""
         taken: dict[str, typed.TopicSymbol] = {}
         for topic in topics:
             short = topic.name.rpartition(".")[2]
@@ -344,7 +348,7 @@ class NodeChecker(CheckerPart):
             self._warn_unused(node, decl, context)
 
     def _check_contracts(self, node: typed.NodeSymbol, decl: tree.NodeDecl, step: Context) -> None:
-        """Checks `assumes` and `guarantees`, which read topics, the time and modes, no locals."""
+        """Checks `assumes` and `guarantees`, which may read topics, time and modes, not locals."""
         inputs = {s.topic for s in node.subscribes}
         context = Context(
             step.scope,

@@ -1,8 +1,8 @@
 """Makes one SC of the plans of a module: `sc Brake, Left, Right;`.
 
-Purpose: `sc_and_its_topic` makes one node for all plans. `join_steps` makes its step, which runs
-the step of one plan: the plan whose number is in a hidden topic of the module. It reports M030 for
-plans that cannot replace each other in flight.
+Purpose: `sc_and_its_topic` makes one node for all plans. `set_step_from_plans` makes its step,
+which runs the step of one plan: the plan whose number is in a hidden topic of the module. It
+reports M030 for plans that cannot replace each other in flight.
 Non-goals: which plan runs (the DM chooses), their periods (`make_components.py`), whether
 they are safe (`verify/`).
 """
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 def sc_and_its_topic(
     module: str, plans: Sequence[typed.NodeSymbol | None]
 ) -> tuple[typed.NodeSymbol | None, typed.TopicSymbol | None]:
-    """Gives the node `sc` of a module, still without a step, and the topic of the plan's number.
+    """Gives the SC node that combines several plans, without a step, and the topic of the plan.
 
-    (None, None) if the module has no plans, or one is unknown. `module` is its full name.
+    (None, None) if the module has no plans, or a plan is unknown. `module` is its full name.
     """
     known = [p for p in plans if p is not None]
     if not known or len(known) < len(plans):
@@ -39,8 +39,10 @@ def sc_and_its_topic(
     return replace(node, name=f"{module}.sc", takes=None), topic
 
 
-def join_steps(module: typed.ModuleSymbol, decl: tree.RtaDecl, diagnostics: Diagnostics) -> None:
-    """Sets the step of a module's SC, after the steps of its plans were checked; reports M030."""
+def set_step_from_plans(
+    module: typed.ModuleSymbol, decl: tree.RtaDecl, diagnostics: Diagnostics
+) -> None:
+    """Sets the step of a module's SC from the steps of its plans; reports M030 for bad plans."""
     assert module.plan is not None
     topic, span = module.plan, module.sc.span
     if decl.rest is None:

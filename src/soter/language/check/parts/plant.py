@@ -19,8 +19,8 @@ from soter.language.check.expression_base import (
     with_article,
 )
 from soter.language.check.parts.node import (
+    binding_in_folder,
     check_binding,
-    located_binding,
     period_or_unknown,
     refuse_input_topic,
 )
@@ -52,7 +52,7 @@ class PlantChecker(CheckerPart):
     def symbol_of(
         self, decl: tree.PlantDecl, scope: FileScope, full_name: str
     ) -> typed.PlantSymbol:
-        """Gives the symbol of a plant, of which everything but right-hand sides is checked."""
+        """Gives the symbol of a plant, with everything but the right-hand sides checked."""
         context = Context(scope, f"the declaration of plant `{decl.name.text}`")
         period = self.shared.check_number(decl.period, context, DURATION, "a period")
         check_binding(decl.source, decl.source_span, self.diagnostics)
@@ -70,7 +70,7 @@ class PlantChecker(CheckerPart):
             decl.name.span,
             period=period_or_unknown(period),
             extern=decl.extern,
-            source=located_binding(decl.source, scope),
+            source=binding_in_folder(decl.source, scope),
             reads=tuple(reads),
             drives=self._driven_topics(decl, scope),
             states=tuple(states),
@@ -342,7 +342,7 @@ class PlantChecker(CheckerPart):
     def _check_drives(
         self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context
     ) -> None:
-        """Checks the values that drive topics; keeps the first of two values for one topic."""
+        """Checks the values that drive topics; of two values for one topic, the first is kept."""
         values: dict[typed.TopicSymbol, typed.TypedExpr] = {}
         for ref, expr in decl.drives:
             topic = self.shared.topic_of_ref(ref, context.scope)
@@ -369,7 +369,11 @@ class PlantChecker(CheckerPart):
                 continue
             topic, below, t = topic_path
             overlap = next(
-                (s for o, p, s in taken if o is topic and (_begins(below, p) or _begins(p, below))),
+                (
+                    s
+                    for o, p, s in taken
+                    if o is topic and (_has_prefix(below, p) or _has_prefix(p, below))
+                ),
                 None,
             )
             if topic not in driven:
@@ -424,7 +428,7 @@ def unmoved_states(plant: typed.PlantSymbol) -> list[typed.Variable]:
     ]
 
 
-def _begins(path: tuple[str, ...], prefix: tuple[str, ...]) -> bool:
+def _has_prefix(path: tuple[str, ...], prefix: tuple[str, ...]) -> bool:
     return path[: len(prefix)] == prefix
 
 

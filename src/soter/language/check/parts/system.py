@@ -19,7 +19,7 @@ from soter.language.check.parts.system_items import (
     check_externals,
     enter_measures_and_faults,
     invariant_call,
-    mark_used,
+    mark_path_used,
     path_expr,
     text_on_one_line,
 )
@@ -52,7 +52,7 @@ class SystemChecker(ItemChecker):
     def symbol_of(
         self, decl: tree.SystemDecl, scope: FileScope, full_name: str
     ) -> typed.SystemSymbol:
-        """Gives the symbol of a system with its checked instances, as others may name these."""
+        """Gives the symbol of a system, with its instances checked so that others may name them."""
         instances: dict[str, typed.InstanceSymbol] = {}
         lost: set[str] = set()
         mark = self.shared.damage_counts()
@@ -86,7 +86,7 @@ class SystemChecker(ItemChecker):
             instances.clear()
         self._require_distinct_arrays(instances)
         for symbol, item, values in placed:
-            filled = unroller.filled_item(item, values)
+            filled = unroller.unrolled_item(item, values)
             if isinstance(filled, tree.Instance):
                 self._check_wires(symbol, filled, instances, scope)
                 self.settings[symbol] = filled.sets
@@ -163,7 +163,7 @@ class SystemChecker(ItemChecker):
         )
 
     def _require_distinct_arrays(self, instances: dict[str, typed.InstanceSymbol]) -> None:
-        """Reports N002 if `r` is an instance and an array, or an array of one index and of two."""
+        """Reports N002 if `r` is an instance and an array, or has one index here and two there."""
         seen: dict[str, tuple[int, typed.InstanceSymbol]] = {}
         for name, instance in instances.items():
             base, count = name.partition("[")[0], name.count("[")
@@ -184,7 +184,7 @@ class SystemChecker(ItemChecker):
         instances: dict[str, typed.InstanceSymbol],
         scope: FileScope,
     ) -> None:
-        """Checks the wires of an instance; enters them, with their places, in its symbol."""
+        """Checks the wires of an instance, and enters them in its symbol, with their places."""
         renames, spans = symbol.renames, symbol.rename_spans
         for inner_ref, outer_ref in item.renames:
             if self.wires.names_parameter(inner_ref, outer_ref, scope):
@@ -268,7 +268,7 @@ class SystemChecker(ItemChecker):
 
 
 def _module_helps(instances: dict[str, typed.InstanceSymbol], node: str) -> tuple[str, ...]:
-    """Gives, for the name of a node, a help that names the module to which the node belongs."""
+    """Gives a help that names the modules to which the node belongs; () if it belongs to none."""
     for name, instance in instances.items():
         symbol = instance.what
         if isinstance(symbol, typed.ModuleSymbol) and node in [n.name for n in symbol.named_nodes]:
@@ -277,14 +277,14 @@ def _module_helps(instances: dict[str, typed.InstanceSymbol], node: str) -> tupl
 
 
 class TestChecker(SystemChecker):
-    """Checks systems and tests of one program; each is one class because they share items."""
+    """Checks the systems and tests of one program, in one class because they share items."""
 
     __test__ = False  # pytest must not collect this class
 
     def test_symbol_of(
         self, decl: tree.TestDecl, scope: FileScope, full_name: str
     ) -> typed.TestSymbol | None:
-        """Gives the symbol of a test with the system that it names, or None after a report."""
+        """Gives the symbol of a test with the system it names; None after a reported error."""
         if decl.system is None:
             if decl.name.text not in scope.broken:
                 self.diagnostics.error(
@@ -338,12 +338,12 @@ class TestChecker(SystemChecker):
     def _check_fault(self, item: tree.TimingFaultItem, context: Context) -> typed.FaultSymbol:
         by = self.check_time(item.by, context, "`by`")
         count = self.check_number_if_given(item.at_most, context, INT, "`at most`")
-        mark_used(item.component, context.scope)
+        mark_path_used(item.component, context.scope)
         return typed.FaultSymbol(item.kind, item.component.text, by, count, item.component.span)
 
     def _check_stated(self, item: tree.StatedValues, context: Context) -> typed.StatedSymbol | None:
-        """Checks values that a test states of a topic or field; its publisher is checked later."""
-        mark_used(item.topic, context.scope)
+        """Checks values that a test states for a topic or field, but not yet who publishes it."""
+        mark_path_used(item.topic, context.scope)
         read = self.shared.check_expr(path_expr(item.topic), context)
         if has_error(read):
             return None
@@ -376,7 +376,7 @@ class TestChecker(SystemChecker):
     def _test_property(
         self, item: tree.PropertyItem, context: Context, test: typed.TestSymbol
     ) -> typed.PropertySymbol | None:
-        """Checks a property of a test, `invariant(M)` and `invariants` included."""
+        """Checks a property of a test, also `invariant(M)` and `invariants`."""
         call = invariant_call(item, context)
         if call is None or item.kind != "always":
             return self.check_property(item, context)
@@ -391,7 +391,7 @@ class TestChecker(SystemChecker):
     def _module_path(
         self, argument: tree.SyntaxExpr, context: Context, test: typed.TestSymbol
     ) -> str | None:
-        """Gives the instance path of the module that an argument means; None after a report."""
+        """Gives the instance path of the module that an argument means; None after an error."""
         instances = context.instances or {}
         names = names_of_chain(argument) or []
         symbol, depth = find_instance(instances, names)

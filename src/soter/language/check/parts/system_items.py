@@ -41,7 +41,7 @@ class SettingChecker(CheckerPart):
         system: typed.SystemSymbol,
         scope: FileScope,
     ) -> list[typed.SetSymbol]:
-        """Checks `set` items, each with the instance whose braces have it, or ""; reports N002."""
+        """Checks `set` items, each with its instance or ""; reports N002 if one is repeated."""
         setting_by_key: dict[tuple[str, typed.ParamSymbol], typed.SetSymbol] = {}
         for home, item in items:
             symbol = self._check_setting(home, item, system, scope)
@@ -103,7 +103,7 @@ class SettingChecker(CheckerPart):
 def _instance_helps(
     name: tree.Name, inside: Mapping[str, typed.InstanceSymbol]
 ) -> tuple[Help, ...]:
-    """Gives helps with the instances of `name`, if it is a declaration and no instance."""
+    """Gives a help with the instances of `name` if it is a declaration and no instance; else ()."""
     paths = [p for p, i in inside.items() if i.what.name.rpartition(".")[2] == name.text]
     if not paths:
         return ()
@@ -119,7 +119,7 @@ def enter_measures_and_faults(
     inside: Context,
     faults: list[tree.SystemFault],
 ) -> None:
-    """Fills in a system's checked measures and faults; `inside` is the context of properties."""
+    """Checks the measures and faults of a system, and enters them in its symbol."""
     system.measures = tuple(_check_measures(shared, decl.measures, inside))
     place = Context(inside.scope, f"the faults of `{decl.name.text}`")
     system.faults = tuple(_check_fault(shared, f, place) for f in faults)
@@ -128,7 +128,7 @@ def enter_measures_and_faults(
 def _check_measures(
     shared: Shared, items: tuple[tree.MeasureItem, ...], context: Context
 ) -> Iterator[typed.MeasureSymbol]:
-    """Yields the checked measures, which are numbers with different names."""
+    """Yields the checked measures, which must be numbers with different names."""
     seen: dict[str, Span] = {}
     place = Context(context.scope, "a measure")
     number = shared.check_number
@@ -157,7 +157,7 @@ def _check_fault(
         return None if e is None else unless_error(shared.check_number(e, context, t, subject))
 
     if item.target is not None:
-        mark_used(item.target, context.scope)
+        mark_path_used(item.target, context.scope)
     amounts = [checked(e, f"`{item.kind}`", wanted) for e in item.by]
     return typed.SystemFaultSymbol(
         kind=item.kind,
@@ -171,8 +171,8 @@ def _check_fault(
     )
 
 
-def mark_used(path: tree.DottedPath, scope: FileScope) -> None:
-    """Marks the names of a path, of something that a test replaces or disturbs, as used."""
+def mark_path_used(path: tree.DottedPath, scope: FileScope) -> None:
+    """Marks all names of a path as used, so that no warning calls them unused."""
     for part in path.parts:
         if part.text in scope.entries:
             scope.entries[part.text].used = True
@@ -181,7 +181,7 @@ def mark_used(path: tree.DottedPath, scope: FileScope) -> None:
 
 
 class ItemChecker(CheckerPart):
-    """Checks what systems and tests share: properties, replacements, inputs, settings."""
+    """Checks items that systems and tests have in common: properties, replacements, inputs."""
 
     def __init__(self, shared: Shared) -> None:
         super().__init__(shared)
@@ -190,7 +190,7 @@ class ItemChecker(CheckerPart):
     def check_time(
         self, expr: tree.SyntaxExpr | None, context: Context, subject: str
     ) -> typed.TypedExpr | None:
-        """Gives the typed expression of a time, which each system computes; None without `expr`."""
+        """Gives the typed expression of a time, computed per system; None if `expr` is None."""
         return self.check_number_if_given(expr, context, DURATION, subject)
 
     def property_context(
@@ -240,7 +240,7 @@ class ItemChecker(CheckerPart):
     def _enter_contract_as_replacement(
         self, item: tree.Replace, replacements: list[Replaced], *, in_test: bool
     ) -> None:
-        """Checks `replace M by contract;`, which only tests may have."""
+        """Checks `replace M by contract;` and stores it; reports E012 outside of a test."""
         if in_test:
             by = typed.ByContract("contract", item.by.span)
             replacements.append((item.what.text, by, item.what.span))
@@ -256,12 +256,12 @@ class ItemChecker(CheckerPart):
     def check_replacements(
         self, items: list[tree.Replace], scope: FileScope, *, in_test: bool = False
     ) -> list[Replaced]:
-        """Checks `replace A by B;`; gives what is replaced, by what, and where."""
+        """Checks `replace A by B;` items; gives the old part, the new part and the place."""
         replacements: list[Replaced] = []
         for item in items:
             if item.by.text == "contract" and "contract" not in scope.entries:
                 self._enter_contract_as_replacement(item, replacements, in_test=in_test)
-                mark_used(item.what, scope)
+                mark_path_used(item.what, scope)
                 continue
             entry = self.shared.names.find_ref(scope, item.by)
             symbol = self.shared.resolve(entry, item.by.span) if entry else None
@@ -274,13 +274,13 @@ class ItemChecker(CheckerPart):
                     item.by.span,
                     also=((entry.decl.name.span, "declared here"),),
                 )
-            mark_used(item.what, scope)
+            mark_path_used(item.what, scope)
         return replacements
 
     def check_inputs(
         self, items: list[tree.DriveInput], context: Context
     ) -> list[typed.InputSymbol]:
-        """Checks `input t [in { values }] every d;`: each names an input topic, once."""
+        """Checks items `input t [in { values }] every d;`; each names a different input topic."""
         input_by_topic: dict[typed.TopicSymbol, typed.InputSymbol] = {}
         for item in items:
             every = self.check_time(item.every, Context(context.scope, context.where), "`every`")
@@ -325,7 +325,7 @@ class ItemChecker(CheckerPart):
         context: Context,
         of: str,
     ) -> tuple[typed.TypedExpr, ...]:
-        """Checks the values of an input or a stand-in; `of` is what messages call it."""
+        """Checks the values of an input or a stand-in, which messages call `of`."""
         place = Context(context.scope, f"the value of {of}")
         because = (item.topic.span, f"this is {with_article(read.type)}")
         number = self.shared.check_number
@@ -394,7 +394,7 @@ def _property_text(item: tree.PropertyItem) -> str:
 
 
 def invariant_call(item: tree.PropertyItem, context: Context) -> tree.SyntaxExpr | None:
-    """Gives the condition if it is `invariant(M)` or `invariants`, with no such declared name."""
+    """Gives the condition if it is the builtin `invariant(M)` or `invariants`; else None."""
     e = item.condition
     if isinstance(e, tree.CallExpr) and isinstance(e.callee, tree.NameExpr):
         asked = e.callee.name.text == "invariant" and len(e.arguments) == 1
@@ -409,7 +409,7 @@ def invariant_call(item: tree.PropertyItem, context: Context) -> tree.SyntaxExpr
 def check_externals(
     checker: ItemChecker, decl: tree.SystemDecl, scope: FileScope
 ) -> tuple[typed.ExternalSymbol, ...]:
-    """Checks the external topics of a system, each of which may be declared once."""
+    """Checks the external topics of a system; each may be declared once."""
     shared = checker.shared
     context = Context(scope, f"system `{decl.name.text}`")
     external_by_topic: dict[typed.TopicSymbol, typed.ExternalSymbol] = {}
@@ -443,7 +443,7 @@ def check_externals(
 def _check_errors(
     shared: Shared, item: tree.ExternalTopic, topic: typed.TopicSymbol, context: Context
 ) -> Iterator[typed.MeasuredSymbol]:
-    """Yields the checked errors of a topic's leaves, of which each may have one."""
+    """Yields the checked measurement errors of a topic; each leaf may have one error."""
     taken: list[tuple[tuple[str, ...], Span]] = []
     for path, bound in item.measured:
         within = shared.check_number(bound, context, FLOAT, "the bound of an error")

@@ -32,7 +32,7 @@ class VerifyChecker(CheckerPart):
     """Checks the `verify` blocks of one program."""
 
     def check(self, module: typed.ModuleSymbol, verify: tree.VerifyBlock, scope: FileScope) -> None:
-        """Fills in `module.verify`, and the subscriptions of a synthesized SC."""
+        """Sets `module.verify` to the checked block, and the subscriptions of a synthesized SC."""
         block = module.verify = typed.TypedVerifyBlock(span=verify.span)
         self._check_times(block, verify, scope)
         self._check_axes_and_abstractions(module, verify, scope)
@@ -107,7 +107,7 @@ class VerifyChecker(CheckerPart):
         block.levels = self.check_number_if_given(verify.levels, context, INT, "`levels`")
 
     def _times_by_node(self, word: str, delays: tree.Delays) -> dict[str, tree.SyntaxExpr]:
-        """Gives node name -> the time of the node; `soter verify` checks if the node exists."""
+        """Gives node name -> declared time; `soter verify` checks later if the node exists."""
         expr_by_node: dict[str, tree.SyntaxExpr] = {}
         for path, expr in delays.nodes:
             if path.text in expr_by_node:
@@ -291,7 +291,7 @@ class VerifyChecker(CheckerPart):
         parts: tuple[tree.Abstraction, ...],
         scope: FileScope,
     ) -> list[typed.AbstractionLink]:
-        """Checks `abstracts d by along: Axis = e`; in each system with `d`, `e` must be right."""
+        """Checks `abstracts d by along: Axis = e`; `e` must be correct in each system with `d`."""
         links: list[typed.AbstractionLink] = []
         homes = self._contexts_of_systems_with(module, instance, scope)
         names: dict[str, Span] = {}
@@ -316,7 +316,7 @@ class VerifyChecker(CheckerPart):
     def _contexts_of_systems_with(
         self, module: typed.ModuleSymbol, instance: tree.Name, scope: FileScope
     ) -> list[Context]:
-        """Gives a context for each system with both; reports M013 if none has the instance."""
+        """Gives a context per system with module and instance; reports M013 if none has both."""
         contexts: list[Context] = []
         lacking: list[tuple[typed.SystemSymbol, dict[str, typed.InstanceSymbol]]] = []
         for home in self.shared.names.scopes:
@@ -347,7 +347,7 @@ class VerifyChecker(CheckerPart):
         return contexts
 
     def _mark_names_used(self, expr: tree.SyntaxExpr, scope: FileScope) -> None:
-        """Marks as used the names in an expression that cannot be checked."""
+        """Marks the names in an expression as used, since the expression cannot be checked."""
         for qualifier, name, _ in names_mentioned(expr):
             if qualifier is not None and qualifier in scope.imports:
                 scope.used_imports.add(qualifier)

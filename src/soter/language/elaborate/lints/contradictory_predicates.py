@@ -80,7 +80,7 @@ def cached_trials(system: System, module: Module) -> list[Trial]:
 
 
 def _key_of_trials(system: System, module: Module, indices: Sequence[int]) -> tuple[object, ...]:
-    """Gives a key made of all that a module's trials depend on; systems of one key share them."""
+    """Gives a key made of all data on which the trials of a module depend."""
     place = {index: k for k, index in enumerate(indices)}
     wires = ((t, place.get(i)) for t, i in module.scope.topics.items() if i in place)
     of_topics = ((t.type, t.bounds, t.default) for t in (system.topics[i] for i in indices))
@@ -125,14 +125,14 @@ def warn_of_contradictions(
 
 
 def _are_exchanged(trials: Sequence[Trial]) -> bool:
-    """Whether `ttf` and `safer` seem exchanged, both where `safe` holds and where it is lost."""
+    """Whether `ttf` and `safer` seem exchanged, in trials with `safe` and in trials without."""
     lost = [t for t in trials if not t[2]]
     turned = bool(lost) and all(s and not f for f, s, _, _ in lost)
     return turned and any(f and not s for f, s, held, _ in trials if held)
 
 
 def _negated_predicate(trials: Sequence[Trial]) -> tuple[str, bool] | None:
-    """Gives the predicate that is negated by mistake, and whether its opposite fits; or None."""
+    """Gives the predicate that seems negated, and whether its opposite fits all trials; or None."""
     lost = [t for t in trials if not t[2]]
     if len(lost) < LOST_MIN:
         return None
@@ -146,7 +146,7 @@ def _negated_predicate(trials: Sequence[Trial]) -> tuple[str, bool] | None:
 def _warn_of_negated_predicate(
     symbol: typed.ModuleSymbol, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> bool:
-    """Warns W013 of a predicate negated by mistake: `ttf` is false, or `safer` true, in danger."""
+    """Warns W013 of a predicate that seems negated by mistake; returns whether it warned."""
     turned = _negated_predicate(trials)
     if turned is None:
         return False
@@ -184,7 +184,7 @@ def indices_of_tried_topics(module: Module) -> list[int]:
 
 
 def read_nothing_but_topics(predicates: Sequence[typed.TypedExpr]) -> bool:
-    """Whether predicates read topic values alone: no ages, times, modes, externs or choices."""
+    """Whether predicates read only values of topics: no ages, times, modes, externs or choices."""
     late = (typed.AgeRead, typed.TimeRead, typed.ModeRead, typed.MarginRead, typed.TypedChoose)
     return not any(
         isinstance(n, late) or (isinstance(n, typed.TypedCall) and n.fun.extern)
@@ -193,7 +193,7 @@ def read_nothing_but_topics(predicates: Sequence[typed.TypedExpr]) -> bool:
 
 
 def _share_a_comparison(ttf: typed.TypedExpr, safer: typed.TypedExpr) -> bool:
-    """Whether both compare one expression with constants, which must then leave a gap."""
+    """Whether both compare the same expression with constants, which must then leave a gap."""
     parts = {_text_without_constants(p) for p in disjuncts(ttf)}
     return any(_text_without_constants(p) in parts for p in conjuncts(safer))
 
@@ -236,7 +236,7 @@ def _all_nodes(predicates: Sequence[typed.TypedExpr]) -> list[object]:
 def trials_of_predicates(
     system: System, module: Module, predicates: Sequence[typed.TypedExpr], indices: list[int]
 ) -> list[Trial]:
-    """Gives (ttf, safer, safe, values) for many values of the topics, except those that fault."""
+    """Gives (ttf, safer, safe, values) for many values of the topics; omits faulting ones."""
     numbers = numbers_to_try(predicates)
     draw = random.Random(0)  # noqa: S311 - values to try, always the same
     settings: dict[str, Any] = {"budget": BUDGET, "topics": module.scope.topics}
@@ -276,7 +276,7 @@ def numbers_to_try(predicates: Sequence[typed.TypedExpr]) -> list[float]:
 
 
 def _value_drawer(topic: Topic, numbers: list[float], draw: random.Random) -> Callable[[], Value]:
-    """Gives a function that draws a topic's value: half numbers of predicates, half uniform."""
+    """Gives a function that draws values of a topic, half from `numbers`, half uniformly."""
     if not _is_without_lists(topic.type):
         return lambda: topic.default
     far = 2.0 * max(10.0, *(abs(n) for n in numbers))
@@ -318,7 +318,7 @@ def _is_without_lists(t: Type) -> bool:
 
 
 def text_of_values(system: System, indices: Sequence[int], values: Sequence[Value]) -> str:
-    """Gives a text of the first three numbers, as "`motion.x` is 9.0 and `motion.v` is 0.5"."""
+    """Gives a text of the first three numbers, such as "`m.x` is 9.0 and `m.v` is 0.5"."""
     parts: list[str] = []
     for index, value in zip(indices, values, strict=True):
         topic = system.topics[index]
@@ -340,7 +340,7 @@ def scalars_in(value: Value) -> list[Value]:
 
 
 def with_scalars(values: Sequence[Value], scalars: Sequence[Value]) -> list[Value]:
-    """Gives `values` with their scalars replaced by `scalars`, in the order of `scalars_in`."""
+    """Gives `values` with their scalars replaced by `scalars`, in order."""
     new_scalars = iter(scalars)
 
     def refilled(value: Value) -> Value:
@@ -354,7 +354,7 @@ Holds = Callable[["Sequence[typed.TypedExpr]", "Sequence[Value]"], list[bool]]
 
 
 def evaluator_of_predicates(system: System, module: Module, indices: Sequence[int]) -> Holds:
-    """Gives a function that evaluates predicates at values of topics; it raises BudgetExceeded."""
+    """Gives a function that evaluates predicates at topic values, or raises BudgetExceeded."""
     evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
     topics = [t.default for t in system.topics]
     left = BUDGET

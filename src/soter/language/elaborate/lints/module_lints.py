@@ -102,7 +102,7 @@ def warn_of_shield_groups(system: System, module: Module, diagnostics: Diagnosti
 def _rates_of_axis(
     axis: typed.TypedGridAxis, plants: Sequence[typed.PlantSymbol]
 ) -> Iterator[Leaf]:
-    """Yields plant, `der` or `next`, and part of it, of each state that an axis means."""
+    """Yields plant, expression of `der` or `next`, and path, for each state that an axis means."""
     if axis.plant is not None:
         found = [
             (axis.plant, v, axis.path[1:]) for v in axis.plant.states if v.name == axis.path[0]
@@ -119,7 +119,7 @@ def _rates_of_axis(
 def _state_read_by(
     plant: typed.PlantSymbol, e: typed.TypedExpr, path: Path
 ) -> tuple[typed.Variable, Path] | None:
-    """Gives the state, with a path in it, that `path` of `e` reads unchanged; or None."""
+    """Gives the state, and the path in it, that `path` of `e` reads unchanged; or None."""
     if isinstance(e, typed.VarRead):
         value = dict(plant.lets).get(e.variable)
         return (e.variable, path) if value is None else _state_read_by(plant, value, path)
@@ -128,7 +128,7 @@ def _state_read_by(
 
 
 def _source_of_part(e: typed.TypedExpr, path: Path) -> tuple[typed.TypedExpr, Path] | None:
-    """Gives the inner expression, with a path in it, whose part is part `path` of `e`; or None."""
+    """Gives the inner expression that supplies part `path` of `e`, and the path in it; or None."""
     if isinstance(e, typed.TypedField) and isinstance(e.target.type, RecordType):
         return e.target, (e.target.type.fields[e.index][0], *path)
     if isinstance(e, typed.Index) and isinstance(e.index, typed.Literal):
@@ -227,7 +227,7 @@ def _warn_of_exchange(system: System, module: Module, diagnostics: Diagnostics) 
 
 
 def _warn_of_reading_own_output(component: Component, diagnostics: Diagnostics) -> None:
-    """Warns W036 of a component of which an input and an output are wired to one topic."""
+    """Warns W036 of a component with an input and an output that are wired to the same topic."""
     topics, plant, node = component.scope.topics, component.plant, component.node
     reads: list[TopicSymbol] = []
     if plant is not None:
@@ -269,7 +269,7 @@ def _warn_of_outputs_in_safe(module: Module, diagnostics: Diagnostics) -> None:
 
 
 def warn_of_old_topics(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """Warns W028 of a topic that gets too old before it is published again, or never is."""
+    """Warns W028 of a topic that gets too old before the next publication, or never has one."""
     drivers = {
         c.scope.topics[topic]: c
         for c in system.components
@@ -290,7 +290,7 @@ def warn_of_old_topics(system: System, module: Module, diagnostics: Diagnostics)
 
 
 def warn_of_ageless_topics(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """Warns W034 of a measured topic that a DM reads at any age; only at the first such module."""
+    """Warns W034 of a measured topic that a DM reads at any age; warns once for each topic."""
     if not _runs_alone(system):
         return
     before = {system.topics[i].symbol for m in system.modules[: module.index] for i in m.inputs}
@@ -322,7 +322,7 @@ def warn_of_ageless_topics(system: System, module: Module, diagnostics: Diagnost
 
 
 def warn_of_age_units(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """Warns W035 if `ttf` or `safer` compares an age with far more than it can be."""
+    """Warns W035 if `ttf` or `safer` compares an age with far more than any possible age."""
     for n in _comparisons(_written_ttf_and_safer(module)):
         usual_by_topic = {
             t: t.max_age_ns or least_age_ns(system, i)
@@ -334,8 +334,11 @@ def warn_of_age_units(system: System, module: Module, diagnostics: Diagnostics) 
             continue
         topic, usual = next(iter(usual_by_topic)), max(known)
         ages = Range(0.0, MUCH_OLDER * usual / 1e9)
-        truth = _truth_over(module.scope, n, {"age": ages})
-        if not truth.single or _truth_over(module.scope, n, {"age": Range(0.0, math.inf)}).single:
+        truth = _truth_in_ranges(module.scope, n, {"age": ages})
+        if (
+            not truth.single
+            or _truth_in_ranges(module.scope, n, {"age": Range(0.0, math.inf)}).single
+        ):
             continue
         label = f"no older than {show_ns(usual)}" if topic.max_age_ns else "published as often"
         diagnostics.warning(
@@ -351,7 +354,7 @@ def warn_of_age_units(system: System, module: Module, diagnostics: Diagnostics) 
 
 
 def _comparisons(expressions: Iterable[typed.TypedExpr]) -> Iterator[typed.TypedExpr]:
-    """Yields the comparisons in expressions, and the calls that may compare."""
+    """Yields the comparisons in expressions, and the calls that may contain comparisons."""
     for n in nodes(expressions):
         compares = n.op in COMPARISONS if isinstance(n, typed.TypedBinary) else True
         if compares and isinstance(n, (typed.TypedBinary, typed.TypedCall)) and n.type == BOOL:
@@ -395,9 +398,9 @@ def _warn_of_rare_publication(
 
 
 def _runs_alone(system: System) -> bool:
-    """Whether a system is meant to be run by itself, not only inside another one or in tests.
+    """Whether a system is meant to run by itself, not only inside another system or in tests.
 
-    Otherwise the system around it drives its inputs, or the test says how they are drawn.
+    If not, the system around it drives its inputs, or the test says how they are drawn.
     """
     systems = system.program.systems
     symbol = systems.get(system.name)
@@ -437,7 +440,7 @@ def _warn_of_rarely_drawn_inputs(
 
 
 def warn_of_property_times(system: System, diagnostics: Diagnostics) -> None:
-    """Warns W026 of a comparison with `time` that holds, but never before the system ends."""
+    """Warns W026 of a comparison with `time` that becomes true only after the system ends."""
     if system.until_ns is None:
         return
     for p in system.properties[:PROPERTIES_MAX]:
@@ -456,8 +459,8 @@ def _warn_of_time_after_end(
     assert system.until_ns is not None
     before, ever = Range(0.0, system.until_ns / 1e9), Range(0.0, math.inf)
     if (
-        _truth_over(p.scope, comparison, {"time": before}) != FALSE
-        or _truth_over(p.scope, comparison, {"time": ever}) == FALSE
+        _truth_in_ranges(p.scope, comparison, {"time": before}) != FALSE
+        or _truth_in_ranges(p.scope, comparison, {"time": ever}) == FALSE
     ):
         return
     diagnostics.warning(
@@ -471,7 +474,9 @@ def _warn_of_time_after_end(
     )
 
 
-def _truth_over(scope: Scope, comparison: typed.TypedExpr, ranges: Mapping[str, Range]) -> Range:
+def _truth_in_ranges(
+    scope: Scope, comparison: typed.TypedExpr, ranges: Mapping[str, Range]
+) -> Range:
     """Gives the truth of a comparison, as a range, for all `time` and `age` in `ranges`."""
 
     def range_of_place(place: ReadPlace) -> Range:

@@ -32,7 +32,13 @@ from soter.language.evaluate.topic_ranges import reader_with_limits, truth_by_pa
 from soter.language.model import typed
 from soter.language.model.system import name_of_subsystem
 from soter.language.model.tree_walk import nodes, topic_reads
-from soter.language.model.types import default_value, leaf_name, leaves, show_ns, write_ns
+from soter.language.model.types import (
+    default_value,
+    leaf_name,
+    leaves,
+    show_ns,
+    write_ns,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -126,9 +132,9 @@ def _warn_of_property_at_start(system: System, p: Property, diagnostics: Diagnos
 
 
 def start_values(c: Component, end: int, topics: list[Value] | None = None) -> Environment:
-    """Gives what a plant's code reads, each state at the low (0) or the high (1) end of its set.
+    """Gives the values for a plant's code, with all states at the low (0) or high (1) end.
 
-    With `topics` its disturbances are set, too, to the middles of their ranges.
+    With `topics`, the disturbances are also set, to the middles of their ranges.
     """
     ranges = c.initial_range or (None,) * len(c.initial)
     variables = {
@@ -142,7 +148,7 @@ def start_values(c: Component, end: int, topics: list[Value] | None = None) -> E
 
 
 def _topics_at_start(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
-    """Yields the values of topics at the start, for low ends of states' sets, then for high ends.
+    """Yields the first values of topics: for low ends of the states' sets, then for high ends.
 
     Yields none if a topic of `indices` is driven by no plant, depends on a draw, or leaves its set.
     """
@@ -176,7 +182,7 @@ def _is_in_its_set(system: System, index: int, value: Value) -> bool:
 def warn_of_constant_predicates(
     system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> bool:
-    """Warns W022 if `ttf` or `safer` has the same truth everywhere; returns whether it warned."""
+    """Warns W022 if `ttf` or `safer` is always true or always false; returns whether it warned."""
     symbol = module.symbol
     ttf, safer = symbol.ttf, symbol.safer
     if ttf is None or safer is None or not topic_reads(symbol.safe):
@@ -205,7 +211,7 @@ def _constant_truths(
     trials: Sequence[Trial],
     predicates: tuple[typed.TypedExpr, typed.TypedExpr],
 ) -> list[bool | None]:
-    """Gives a value for each predicate: True if it always holds, False if never, else None."""
+    """Gives True for each predicate that always holds, False if it never holds, else None."""
     aged = any(isinstance(n, typed.AgeRead) for n in nodes(predicates))  # no trials then
     read = reader_with_limits(system, fresh_ages_ns(system, module)) if aged else None
     return [
@@ -266,7 +272,7 @@ def _warn_of_predicate(
 def _seems_to_exclude_safe(
     system: System, module: Module, trials: Sequence[Trial], number: int
 ) -> bool:
-    """Whether `ttf` (0) or `safer` (1) never holds with `safe`, though by chance it should."""
+    """Whether `ttf` (0) or `safer` (1) never holds with `safe`, although chance predicts it."""
     one, other = [t for t in trials if t[number]], [t for t in trials if t[2]]
     if len(one) * len(other) < BOTH_EXPECTED * len(trials) or any(t[2] for t in one):
         return False
@@ -292,9 +298,9 @@ def _hold_together_between(
     beyond: Sequence[Value],
     inside: Sequence[Value],
 ) -> bool:
-    """Whether two conditions both hold somewhere between `beyond` and `inside`, by halving.
+    """Searches for a point between `beyond` and `inside` at which both conditions hold.
 
-    The second one holds at `inside`. The search goes straight, or changes one number only.
+    The second one holds at `inside`. The search halves a line; it changes all numbers, or only one.
     """
     far, near = scalars_in(tuple(beyond)), scalars_in(tuple(inside))
     ends = [near, *([*far[:k], near[k], *far[k + 1 :]] for k in range(len(far)))]
@@ -380,7 +386,7 @@ def _warn_of_slow_dm(
 
 
 def warn_of_inexact_topics(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """Warns D019 of a topic that the flying plant publishes with a larger error than is proved."""
+    """Warns D019 of a topic whose error in the flying plant is larger than in the proof."""
     verify, symbol = module.symbol.verify, module.symbol
     links = [*verify.abstracts, *(link for view in verify.views for link in view.block.abstracts)]
     evaluator = Evaluator({**module.around, **module.scope.params})

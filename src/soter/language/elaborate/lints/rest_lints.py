@@ -32,7 +32,13 @@ from soter.language.model.tree_walk import (
     plant_code,
     topic_reads,
 )
-from soter.language.model.types import leaf_name, leaves, positions, show_ns, write_ns
+from soter.language.model.types import (
+    leaf_name,
+    leaves,
+    positions,
+    show_ns,
+    write_ns,
+)
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics, Help
@@ -54,7 +60,7 @@ SETTLED, GOES_ON, FAR, TURNS = 0.01, 0.05, 1e9, 15_900 * tau
 
 
 class _Run:
-    """A run in which SC brings the plants to rest; `begins`, of `BEGINS`, says what acts before."""
+    """A run in which SC brings the plants to rest; `begins`, of BEGINS, is the phase before."""
 
     def __init__(
         self, system: System, module: Module, rest: typed.RestSymbol, begins: str | None
@@ -120,7 +126,7 @@ class _Run:
         self.after = f" after {show_ns(times * self.sc.period_ns)} of the {ends} commands"
 
     def _run_period_of_sc(self) -> None:
-        """Moves the plants for a period of SC, notes which conditions hold, and lets SC step."""
+        """Moves the plants for a period of SC, records which conditions hold, and steps SC."""
         self._move_plants(self.sc.period_ns if self.seen else 0)
         env = Environment(topics=self.topics)
         self.held.append([bool(self.evaluator.value(p, env)) for p, _ in self.parts])
@@ -131,7 +137,7 @@ class _Run:
             self.topics[i] = value
 
     def _move_plants(self, duration_ns: int) -> None:
-        """Moves the plants for this time by Euler's rule; then they publish."""
+        """Moves the plants for this time by Euler's rule, and then publishes their outputs."""
         h = duration_ns / 1e9 / STEPS
         for c, evaluator, env in self.plants:
             code, plant = evaluator.compiled, cast("typed.PlantSymbol", c.plant)
@@ -146,7 +152,7 @@ class _Run:
                 self.topics[c.scope.topics[topic]] = code(e)(env)
 
     def _holds_with(self, e: typed.TypedExpr, k: int, value: float) -> bool:
-        """Whether a condition holds at the end of the run if number `k` has another value."""
+        """Whether a condition holds at the end of the run if number `k` were `value`."""
         last, topics = self.seen[-1], list(self.topics)
         was, now = [topics[i] for i in self.driven], [*last[:k], value, *last[k + 1 :]]
         for i, new in zip(self.driven, trials.with_scalars(was, now), strict=True):
@@ -156,7 +162,7 @@ class _Run:
     # ------------------------------------------------------------ doubts
 
     def first_doubt(self, *, unproved: bool) -> Doubt:
-        """Gives the first doubt about `rest`, or None; after commands only if SC keeps `safe`."""
+        """Gives the first doubt about `rest`; None if it has none or the run cannot be followed."""
         claims = [self._doubt_of_end, self._doubt_of_moves, self._doubt_of_within]
         if self.after:
             claims += [self._doubt_of_unmoved_number] * unproved
@@ -177,7 +183,7 @@ class _Run:
         return None
 
     def _doubt_of_unmoved_number(self) -> Doubt:
-        """Gives a doubt about a number in `rest` that stays where the commands brought it."""
+        """Gives a doubt about a number in `rest` that SC does not move back; or None."""
         for k in self.read:
             if self.seen[0][k] != self.was[k] and len({x[k] for x in self.seen}) == 1:
                 message = f"SC does not move `{self.names[k]}`, which `rest` bounds"
@@ -186,7 +192,7 @@ class _Run:
         return None
 
     def _doubt_of_start(self) -> Doubt:
-        """Gives a doubt about `safe` if it is false where plants start, with default maps."""
+        """Gives a doubt about `safe` if it is false where the plants start; or None."""
         safe, topics = self.module.symbol.safe, [t.default for t in self.system.topics]
         values = trials.with_scalars([topics[i] for i in self.driven], self.seen[0])
         for i, value in zip(self.driven, values, strict=True):
@@ -198,7 +204,7 @@ class _Run:
         return safe.span, "`safe` is false at the start", "false of what is published first", help_
 
     def _doubt_of_bounds(self) -> Doubt:
-        """Gives a doubt about `rest` if it reads a number and holds at both ends of its set."""
+        """Gives a doubt if part of `rest` holds at both ends of a number's set; or None."""
         for k, bound in enumerate(self.bounds.values()):
             parts, name = [p for p, read in self.parts if k in read], self.names[k]
             ends = (-FAR, FAR) if bound is None else (bound.low, bound.high)
@@ -224,7 +230,7 @@ class _Run:
         return None
 
     def _doubt_of_end(self) -> Doubt:
-        """Gives a doubt about a part of `rest` that is false where SC ends."""
+        """Gives a doubt about a part of `rest` that is false where SC ends; or None."""
         k = next((k for k, held in enumerate(self.held[-1]) if not held), None)
         safe = self.evaluator.value(self.module.symbol.safe, Environment(topics=self.topics))
         if k is None or (safe and not self._has_come_to_rest()):
@@ -243,7 +249,7 @@ class _Run:
         return at, message, f"false where {values}", help_
 
     def _doubt_of_moves(self) -> Doubt:
-        """Gives a doubt about `moves` if SC moves a number further, or loses `safe` without it."""
+        """Gives a doubt about `moves` if SC moves a number further than `moves` allows; or None."""
         rest, items, found, moves = self.rest, list[str](), None, {}
         for m in rest.moves:
             i = self.module.scope.topics[m.topic]
@@ -274,7 +280,7 @@ class _Run:
         return found[0], "`moves` does not bound all that SC moves", found[1], help_
 
     def _doubt_of_one_side(self) -> Doubt:
-        """Gives a doubt about a `rest` that bounds a number on one side of where SC ends only."""
+        """Gives a doubt about a `rest` that bounds a number on one side only; or None."""
         for k, bound in enumerate(self.bounds.values()):
             parts, name = [p for p, read in self.parts if k in read], self.names[k]
             for x in (-FAR, FAR) if bound is None else (bound.low, bound.high):
@@ -289,7 +295,7 @@ class _Run:
         return None
 
     def _direction_at_end(self, k: int) -> str:
-        """Gives how number `k` moves at the end of the run: "up", "down", or "" if hardly."""
+        """Gives the direction of number `k` at the end: "up", "down", or "" if it hardly moves."""
         way = [x[k] for x in self.seen]
         last = way[-1] - way[-LATELY]
         if abs(last) <= GOES_ON * (max(way) - min(way)):
@@ -297,7 +303,7 @@ class _Run:
         return "up" if last > 0.0 else "down"
 
     def _directions_that_lose_safe(self, k: int) -> list[str]:
-        """Gives the directions in which number `k`, far away or turned often, loses `safe`."""
+        """Gives the directions in which number `k`, if it moves very far, loses `safe`."""
         safe, ways = self.module.symbol.safe, (("down", -1.0), ("up", 1.0))
         ends = ((w, (x * FAR, self.seen[-1][k] + x * TURNS)) for w, x in ways)
         return [w for w, places in ends if not any(self._holds_with(safe, k, x) for x in places)]
@@ -321,7 +327,7 @@ class _Run:
         return wrong[0] if wrong else "", f"{self.names[k]} by {bound} {way}".strip()
 
     def _doubt_of_within(self) -> Doubt:
-        """Gives a doubt about a `within` that is over before `rest` holds."""
+        """Gives a doubt about a `within` that ends before `rest` holds; or None."""
         at, needed = self.rest.within, (self.first or 1) * self.sc.period_ns
         if needed <= cast("int", self.evaluator.value(at)):
             return None
@@ -331,7 +337,7 @@ class _Run:
 
 
 def doubt_about_rest(system: System, module: Module, *, unproved: bool = False) -> Doubt:
-    """Gives a doubt about `rest`, or None; `unproved` says that its proof failed."""
+    """Gives a doubt about `rest`, or None; `unproved` says that the proof of `rest` failed."""
     rest = module.symbol.rest
     if rest is None or not _can_be_followed(system, module, rest):
         return None

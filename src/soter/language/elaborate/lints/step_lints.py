@@ -74,7 +74,7 @@ def warn_of_faults(system: System, diagnostics: Diagnostics) -> None:
 
 
 class _StepRanges(RangeEvaluator):
-    """Evaluates a step over the declared ranges, and warns of certain faults as it goes."""
+    """Evaluates a step over the declared ranges, and warns of certain faults on the way."""
 
     def __init__(self, system: System, component: Component, diagnostics: Diagnostics) -> None:
         super().__init__(component.scope, component.period_ns, reader_of_sets(system))
@@ -111,7 +111,7 @@ class _StepRanges(RangeEvaluator):
             self._check_publication(topic, value)
 
     def evaluate(self, e: t.TypedExpr) -> Known:
-        """Gives the range of `e`, or all values if it is too hard; TooHardError without budget."""
+        """Gives the range of `e`; all values if too hard. Raises TooHardError if out of budget."""
         try:
             return super().evaluate(e)
         except TooHardError:
@@ -130,7 +130,7 @@ class _StepRanges(RangeEvaluator):
         return super()._run_plain(s)
 
     def _run_loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
-        """Evaluates a few rounds one by one; of many the first, the last, and all as one round."""
+        """Evaluates few rounds one by one; of many, the first, the last, and all as one round."""
         if isinstance(s, t.ForRange):
             self.loops[s.variable] = s
             few = s.high - s.low <= ROUNDS
@@ -149,7 +149,7 @@ class _StepRanges(RangeEvaluator):
         return returned, True
 
     def _forget_assigned(self, body: tuple[t.TypedStmt, ...]) -> None:
-        """Sets variables that `body` assigns to all values, as its rounds are not counted."""
+        """Sets the variables that `body` assigns to the range of all values of their types."""
         for n in nodes(body):
             if isinstance(n, t.Place):
                 self.variables[n.variable] = all_values(n.variable.type)
@@ -260,7 +260,7 @@ class _StepRanges(RangeEvaluator):
             of = of.element if isinstance(of, (ArrayType, ListType)) else of
 
     def _check_index_of(self, of: Type, index: t.TypedExpr) -> None:
-        """Warns W025 of an index that is outside each time the code gets there."""
+        """Warns W025 of an index that is out of range at every execution of this code."""
         if not isinstance(of, (ArrayType, ListType)) or self.silent:
             return
         size = of.size if isinstance(of, ArrayType) else of.capacity
@@ -299,7 +299,7 @@ class _StepRanges(RangeEvaluator):
         return super()._range_of_narrow(e)
 
     def _warn_that_one_fits(self, e: t.Narrow, known: Range) -> None:
-        """Warns W025 if one value fits: in `n: int in [0, 9]`, `n = max(n + 1, 9)`, only 9 does."""
+        """Warns W025 if only one possible value fits, as 9 does for `max(n + 1, 9)` in [0, 9]."""
         assert isinstance(e.type, IntType)
         fitting, keeps = (known.low, "min") if known.low == e.type.high else (known.high, "max")
         self._warn_of_fault(
@@ -330,7 +330,7 @@ def _shortened_text(span: Span) -> str:
 
 
 def _help_to_count_from_zero(loop: t.ForRange, size: int) -> Help:
-    """Gives a help with a loop over all indices, as an edit if the text of the loop has a range."""
+    """Gives a help with a loop over all indices, as an edit if the loop has a range in its text."""
     title = f"indices begin at 0: `for {loop.variable.name} in 0..{size} {{ ... }}`"
     written = _COUNTED.match(loop.span.source.text, loop.span.start)
     if written is None:
@@ -377,7 +377,7 @@ def _always_publishes(statements: tuple[t.TypedStmt, ...], topic: t.TopicSymbol)
 
 
 def warn_of_plant(system: System, component: Component, diagnostics: Diagnostics) -> None:
-    """Warns W014 and W032 of a plant, and W019 of states that diverge under its scheme alone."""
+    """Warns W014 and W032 of a plant, and W019 of states that only its scheme makes diverge."""
     plant = component.plant
     if plant is None:
         return
@@ -413,7 +413,7 @@ def _divergence_helps(component: Component, d: Diverging) -> list[str]:
 
 
 def _warn_of_unmoved_states(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
-    """Warns W014 of a state without `der` and `next`: a rule is missing, or it is a constant."""
+    """Warns W014 of a state without `der` and `next`, which lacks a rule or is a constant."""
     for state in unmoved_states(plant):
         diagnostics.warning(
             "W014",
@@ -426,7 +426,7 @@ def _warn_of_unmoved_states(plant: PlantSymbol, diagnostics: Diagnostics) -> Non
 
 
 def _warn_of_product_with_dt(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
-    """Warns W032 of `der x = v * dt`: the scheme itself multiplies by the step."""
+    """Warns W032 of `der x = v * dt`, because the scheme itself multiplies by the step."""
     for state, slope in plant.der.items():
         factors = [slope]
         for e in factors:

@@ -27,7 +27,7 @@ Wires = dict[typed.TopicSymbol, TopicKey]
 
 @dataclass(eq=False)
 class PlacedInstance:
-    """A plant, node or module found while walking the instances."""
+    """A plant, node or module that was found in the tree of instances."""
 
     name: str
     symbol: typed.PlantSymbol | typed.NodeSymbol | typed.ModuleSymbol
@@ -51,7 +51,7 @@ class PlacedInstance:
 
 @dataclass(frozen=True)
 class ReplacedModule:
-    """A module that was replaced as a whole, and where the program says so."""
+    """A module that was replaced as a whole, and the place in the program that says so."""
 
     symbol: typed.ModuleSymbol
     span: Span
@@ -59,7 +59,7 @@ class ReplacedModule:
 
 @dataclass(frozen=True)
 class SubSystem:
-    """A system inside the one that runs; its properties and inputs count, too."""
+    """A system inside the running system; its properties and inputs count, too."""
 
     system: typed.SystemSymbol
     prefix: str
@@ -68,7 +68,7 @@ class SubSystem:
 
 
 class Flattening(Numbers):
-    """What is known of one flat system so far; the base class computes its numbers.
+    """The parts of one flat system while it is built; the base class computes its numbers.
 
     `draft` says that the file declares no system, and that this one stands for the whole file,
     which may only be meant for imports. `test` is the test whose system this is.

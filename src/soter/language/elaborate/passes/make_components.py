@@ -13,7 +13,7 @@ from soter.language.elaborate.passes.replace_parts import controller_names
 from soter.language.elaborate.passes.stand_ins import make_stand_in
 from soter.language.elaborate.passes.step_times import check_step_times, wcet_and_jitter
 from soter.language.elaborate.passes.system_numbers import TooLargeError
-from soter.language.elaborate.passes.topics import index_at, make_queue
+from soter.language.elaborate.passes.topics import make_queue, topic_index_at
 from soter.language.elaborate.passes.value_sets import require_in_set
 from soter.language.model import typed
 from soter.language.model.system import Component, Disturbance, Measurement, Scope
@@ -29,7 +29,7 @@ RANK = {"plant": 0, "dm": 1, "sc": 2, "ac": 3, "node": 3}
 
 
 def make_components(flat: Flattening, role: str) -> None:
-    """Adds `components`, `plants` and `unknown`, and topics of their scopes; needs `placed`.
+    """Adds `components`, `plants` and `unknown`, and the topics that they see; needs `placed`.
 
     `role` becomes the role of each node outside of modules.
     """
@@ -59,8 +59,8 @@ def _period_ns(flat: Flattening, expr: typed.TypedExpr, description: str, name: 
 
 
 def scope_at(flat: Flattening, placed: PlacedInstance, topics: list[typed.TopicSymbol]) -> Scope:
-    """Gives the scope of a placed instance: the topic that each of `topics` means there."""
-    return Scope({t: index_at(flat, placed, t) for t in topics}, placed.params)
+    """Gives the scope of a placed instance, in which each of `topics` has its index."""
+    return Scope({t: topic_index_at(flat, placed, t) for t in topics}, placed.params)
 
 
 def _first_values(
@@ -210,7 +210,7 @@ def _phase_ns(flat: Flattening, node: typed.NodeSymbol, period: int, name: str) 
 def failsafe_values(
     flat: Flattening, node: typed.NodeSymbol | typed.ModuleSymbol, scope: Scope
 ) -> dict[int, Value]:
-    """Gives topic -> the value published after a step fault, or held after the end of a lease."""
+    """Gives topic -> the value to publish after a step fault, or to hold after a lease."""
     value_by_topic: dict[int, Value] = {}
     why = (
         "proofs of what acts after the lease speak of values in the set"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.fixes import append, exchange
 from soter.language.elaborate.passes.make_components import failsafe_values, scope_at
 from soter.language.elaborate.passes.step_times import check_double_response
-from soter.language.elaborate.passes.topics import index_at
+from soter.language.elaborate.passes.topics import topic_index_at
 from soter.language.elaborate.passes.value_sets import text_of_number_outside
 from soter.language.model import typed
 from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST, Module
@@ -51,7 +51,7 @@ def _make_module(
     assert isinstance(module, typed.ModuleSymbol)
     clean = flat.count(module.clean, "`clean`", 1, MAX_CLEAN)
     dm = by_role["dm"]
-    outputs = tuple(index_at(flat, placed, t) for t in module.sc.publishes)
+    outputs = tuple(topic_index_at(flat, placed, t) for t in module.sc.publishes)
     for output in outputs:
         _require_value_set(flat, flat.topics[output], module)
     late_ns, levels = _check_verify_block(flat, module)
@@ -83,7 +83,7 @@ def _make_module(
 
 
 def _require_value_set(flat: Flattening, topic: Topic, module: typed.ModuleSymbol) -> None:
-    """Reports V003 for an output without a set, which bounds what AC may publish (theorem 3.1)."""
+    """Reports V003 for an output without a value set, which theorem 3.1 needs as a bound on AC."""
     if topic.set_declared or topic.symbol in flat.program.damaged:
         return
     bare = [
@@ -107,7 +107,7 @@ def _require_value_set(flat: Flattening, topic: Topic, module: typed.ModuleSymbo
 
 
 def _check_verify_block(flat: Flattening, module: typed.ModuleSymbol) -> tuple[int, int]:
-    """Checks the numbers of `verify`; gives how late the DM may be, in ns, and its levels."""
+    """Checks the numbers of `verify`; gives the DM's greatest lateness in ns, and the levels."""
     verify = module.verify
     flat.run_length_ns(verify.horizon, "`horizon`")
     flat.run_length_ns(verify.recover, "`recover within`")
@@ -196,7 +196,7 @@ def _check_command(
 
 
 def _help_to_add_set(topic: Topic, bare: Sequence[str]) -> Help:
-    """Gives the help that adds a set for `bare`, the leaves of the topic that have none."""
+    """Gives the help that adds value sets for `bare`, the leaves of the topic without a set."""
     if not topic.symbol.values or not all(bare):
         return "add a set: `in [-1.0, 1.0]` with your bounds"
     last = max((r.span for r in topic.symbol.values.values()), key=lambda s: s.end)

@@ -50,11 +50,13 @@ def make_memory_topics(flat: Flattening) -> None:
     """Adds all hidden topics to `topics`, and sets their indices in modules and components."""
     for index in sorted(set(flat.margins)):
         module = flat.modules[index]
-        module.looked = _add_counter(flat, module, "margin", max(module.levels - 1, 1))
+        module.looked = _add_counter_topic(flat, module, "margin", max(module.levels - 1, 1))
     for module in flat.modules:
         latch = module.symbol.latch
         if latch is not None and module.forced is None:
-            module.latch = _add_counter(flat, module, "latch", 1 if latch.topic is None else 2)
+            module.latch = _add_counter_topic(
+                flat, module, "latch", 1 if latch.topic is None else 2
+            )
             if latch.topic is not None:
                 module.acknowledgement = module.scope.topics[latch.topic]
     _add_plan_topics(flat)
@@ -70,7 +72,7 @@ def _add_plan_topics(flat: Flattening) -> None:
     for module in flat.modules:
         sc, symbol = flat.components[module.sc], module.symbol.plan
         if symbol is not None and sc.node is module.symbol.sc:  # none for an SC that was replaced
-            module.plan = _add_counter(flat, module, "plan", len(module.symbol.plans) - 1)
+            module.plan = _add_counter_topic(flat, module, "plan", len(module.symbol.plans) - 1)
             flat.topics[-1] = replace(flat.topics[-1], symbol=symbol)
             sc.scope.topics[symbol] = module.plan
 
@@ -105,7 +107,7 @@ def add_held_topic(flat: Flattening, c: Component) -> None:
     )
 
 
-def _add_counter(flat: Flattening, module: Module, purpose: str, most: int) -> int:
+def _add_counter_topic(flat: Flattening, module: Module, purpose: str, most: int) -> int:
     return _add_hidden_topic(flat, module, purpose, IntType(0, most), (Bound(0, most),), 0)
 
 
@@ -143,14 +145,16 @@ def _add_shield_topics(flat: Flattening, module: Module, clause: TypedExpr) -> N
     first_values = tuple(numbers_in(tuple(flat.topics[i].default for i in module.outputs)))
     cells = flat.shields[module.index]
     times = (NEVER_HELD,) * (len(first_values) * cells)
-    module.shield = Shield(cells, _add_array(flat, module, "shield", times))
+    module.shield = Shield(cells, _add_array_topic(flat, module, "shield", times))
     if module.symbol.toward_sc:
-        module.shield.proposed = _add_array(flat, module, "proposed", 2 * first_values)
+        module.shield.proposed = _add_array_topic(flat, module, "proposed", 2 * first_values)
     if (tried := module.symbol.candidates) is not None:
         module.scope.topics.setdefault(tried, flat.components[module.ac].scope.topics[tried])
 
 
-def _add_array(flat: Flattening, module: Module, purpose: str, default: tuple[float, ...]) -> int:
+def _add_array_topic(
+    flat: Flattening, module: Module, purpose: str, default: tuple[float, ...]
+) -> int:
     size = len(default)
     return _add_hidden_topic(flat, module, purpose, ArrayType(FLOAT, size), (None,) * size, default)
 
@@ -171,7 +175,7 @@ def _why_no_shield(module: Module, topics: Sequence[Topic], components: Sequence
 def refuse_overrun(
     system: System, component: Component, fault: str, diagnostics: Diagnostics
 ) -> None:
-    """Reports M027 for a fault by which a controller that a shield judges publishes later."""
+    """Reports M027 for a fault that delays the outputs of a controller that a shield judges."""
     module = None if component.module is None else system.modules[component.module]
     if module is None or module.shield is None or module.symbol.shield is None:
         return
@@ -195,7 +199,7 @@ def _report_no_shield(
 def _why_no_candidates(
     module: Module, topics: Sequence[Topic], components: Sequence[Component]
 ) -> str:
-    """Gives the reason why no candidates can replace AC's command; "" if they can, or none exist.
+    """Gives the reason why candidates cannot replace AC's command; "" if they can, or none exist.
 
     A command that replaces AC's passes no gate. So every value that the topic of candidates may
     have must lie in the output's set.

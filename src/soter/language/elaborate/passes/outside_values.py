@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.passes.topics import index_at
+from soter.language.elaborate.passes.topics import topic_index_at
 from soter.language.elaborate.passes.value_sets import require_in_set
 from soter.language.model.system import External, InputDrive
 from soter.language.model.types import leaves
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 
 def add_inputs(flat: Flattening) -> None:
-    """Adds to `inputs` how each input topic is drawn, as the outermost of its systems says."""
+    """Adds to `inputs` how each input topic is drawn; the outermost system decides."""
     result: dict[int, InputDrive] = {}
     for part, item in _input_items(flat):
-        index = index_at(flat, part, item.topic)
+        index = topic_index_at(flat, part, item.topic)
         with flat.with_params(part.params):
             every = flat.duration_ns(item.every, f"`every` of `{item.path}`")
             if index in result:
@@ -63,7 +63,7 @@ def _declared_values(flat: Flattening, item: typed.InputSymbol, topic: Topic) ->
 
 
 def _input_items(flat: Flattening) -> Iterator[tuple[SubSystem, typed.InputSymbol]]:
-    """Yields each `input` of the test, the system and its parts that is not wired, and the part."""
+    """Yields (part, `input` item) for each input without a wire; those of the test come first."""
     if flat.test is not None:
         yield from ((flat.parts[0], item) for item in flat.test.inputs)
     for part in flat.parts:
@@ -74,11 +74,11 @@ def _input_items(flat: Flattening) -> Iterator[tuple[SubSystem, typed.InputSymbo
 
 
 def add_externals(flat: Flattening) -> None:
-    """Adds to `externals` each topic from outside, as the outermost of its systems declares it."""
+    """Adds each topic from outside to `externals`, as the outermost system declares it."""
     external_by_topic: dict[int, External] = {}
     for part in flat.parts:
         for item in part.system.externals:
-            index = index_at(flat, part, item.topic)
+            index = topic_index_at(flat, part, item.topic)
             with flat.with_params(part.params):
                 external_by_topic.setdefault(index, _make_external(flat, item, index))
     flat.externals += external_by_topic.values()

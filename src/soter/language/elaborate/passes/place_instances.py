@@ -31,7 +31,7 @@ def place_instances(flat: Flattening) -> None:
 def _place_instances_below(
     flat: Flattening, system: typed.SystemSymbol, prefix: str, outer: list[Wires]
 ) -> None:
-    """Places every instance below `prefix`, then applies `force` and `replace` of the system."""
+    """Places each instance below `prefix`, then applies `force` and `replace` of the system."""
     around = flat.params_at[prefix]
     flat.parts.append(SubSystem(system, prefix, outer, around))
     if prefix:
@@ -84,7 +84,7 @@ def _check_wires(flat: Flattening, instance: typed.InstanceSymbol) -> None:
 
 
 def _warn_of_ignored_settings(flat: Flattening, inner: typed.SystemSymbol, path: str) -> None:
-    """Warns (W006) of each `set` of a sub-system that has no effect in the system that runs."""
+    """Warns W006 of each `set` of a sub-system that has no effect in the running system."""
     for item in inner.sets:
         if not (item.path or flat.parameters.is_set_around(item.param, path)):
             flat.diagnostics.warning(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.passes.topics import index_at
+from soter.language.elaborate.passes.topics import topic_index_at
 from soter.language.model import typed
 from soter.language.model.system import Metric, Property, Scope, TimedProperty
 from soter.language.model.tree_walk import margin_reads, mode_reads, nodes, topic_reads
@@ -23,7 +23,7 @@ MAX_BINS = 1_000
 
 
 def enter_modes_in_scopes(flat: Flattening) -> None:
-    """Enters in the scope of each component the module that each of its `mode(M)` means."""
+    """Enters in the scope of each component the modules whose `mode(M)` its code reads."""
     prefixes = {p.name: p.prefix for p in flat.placed}
     beside: dict[tuple[str, object], list[Module]] = {}
     for m in flat.modules:
@@ -82,7 +82,7 @@ def _report_mode_is_gone(flat: Flattening, name: str, gone: ReplacedModule, span
 
 
 def add_properties(flat: Flattening) -> None:
-    """Adds `judged` of the system and its parts, then contracts; needs all modules."""
+    """Adds the properties of the system and its parts, then the contracts; needs all modules."""
     for part in flat.parts:
         for item in part.system.properties:
             scope = _scope_of_names(flat, part, item.premise, item.condition)
@@ -105,7 +105,7 @@ def add_properties(flat: Flattening) -> None:
 
 
 def _add_property(flat: Flattening, item: typed.PropertySymbol, scope: Scope, text: str) -> None:
-    """Adds a property to `properties` if it is an `always` or `never`; other kinds are of tests."""
+    """Adds a property to `properties` if its kind is `always` or `never`; ignores other kinds."""
     if item.kind in {"always", "never"} and item.condition is not None:
         index = len(flat.properties)
         flat.properties.append(Property(index, item.kind, item.condition, scope, text, item.span))
@@ -114,10 +114,10 @@ def _add_property(flat: Flattening, item: typed.PropertySymbol, scope: Scope, te
 def _scope_of_names(
     flat: Flattening, part: SubSystem, *expressions: typed.TypedExpr | None
 ) -> Scope:
-    """Gives the scope of a property or measure, which has the meanings of its names in `part`."""
+    """Gives the scope of a property or measure, with the meanings that names have in `part`."""
     scope = Scope({}, part.params)
     for topic, read in topic_reads(*expressions).items():
-        scope.topics[topic] = index_at(flat, part, topic)
+        scope.topics[topic] = topic_index_at(flat, part, topic)
         flat.property_reads.append((scope.topics[topic], read.span))
     for node in nodes(expressions):
         if isinstance(node, typed.TruthRead):
@@ -169,7 +169,7 @@ def add_properties_of_test(flat: Flattening, test: typed.TestSymbol) -> None:
 
 
 def _add_invariants(flat: Flattening, item: typed.PropertySymbol) -> None:
-    """Adds the invariant of Theorem 3.1 for one module, or for each one (Theorem 4.1)."""
+    """Adds the invariant of Theorem 3.1 for one module, or for every module (Theorem 4.1)."""
     about = flat.modules
     if item.module is not None:
         gone = flat.gone.get(item.module)

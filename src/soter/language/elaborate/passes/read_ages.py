@@ -27,7 +27,7 @@ def least_age_ns(system: System, topic: int) -> int | None:
 def fresh_ages_ns(
     system: System, module: Module, most_ns: int | None = None
 ) -> dict[int, int | None]:
-    """Gives topic -> the greatest age in ns at which the DM sees it as fresh; None for any age.
+    """Gives topic -> the greatest age in ns at which the DM accepts it; None for any age.
 
     `most_ns`: the greatest age that a proof assumes for topics that plants publish.
     """
@@ -48,7 +48,7 @@ def _plants_that_publish(system: System, topic: int) -> list[Component]:
 
 
 def is_measured(system: System, topic: int) -> bool:
-    """Whether a plant, or something outside, publishes a topic repeatedly, and floats are in it.
+    """Whether a topic with floats is published repeatedly, by a plant or from outside.
 
     An input, which an operator sets once, is not measured, nor is a topic of plants without floats.
     """

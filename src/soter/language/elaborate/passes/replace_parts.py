@@ -39,7 +39,7 @@ def replace_part(flat: Flattening, prefix: str, path: str, by: Replacement, span
 def _replace_where_named(
     flat: Flattening, placed: PlacedInstance, local: str, path: str, by: Replacement, span: Span
 ) -> bool:
-    """Replaces the instance, or its part, that `path` names; gives False if `path` names none."""
+    """Replaces the instance at `path`, or a part of it; returns False if `path` names neither."""
     symbol = placed.symbol
     if isinstance(symbol, typed.ModuleSymbol):
         if flat.test is not None and path in {local, symbol.name}:
@@ -81,7 +81,7 @@ def _report_nothing_replaced(
 def _replace_controllers(
     flat: Flattening, placed: PlacedInstance, local: str, path: str, by: Replacement, span: Span
 ) -> bool:
-    """Replaces the controllers of a module that `path` names; gives False if it names none."""
+    """Replaces the module's controllers that `path` names; returns False if it names none."""
     module = placed.symbol
     assert isinstance(module, typed.ModuleSymbol)
     hit = False
@@ -127,7 +127,7 @@ def _replace_module(flat: Flattening, placed: PlacedInstance, by: Replacement, s
 
 
 def _names_of_replaceable(flat: Flattening, kind: type) -> list[str]:
-    """Gives the full names of all plants, or of all nodes, with the controllers of modules."""
+    """Gives the full names of all plants, or of all nodes including controllers of modules."""
     names = []
     for placed in flat.placed:
         if isinstance(placed.symbol, kind):
@@ -162,7 +162,7 @@ def _require_same_outputs(flat: Flattening, old: object, new: object, span: Span
 
 
 def _require_same_states(flat: Flattening, placed: PlacedInstance, by: object, span: Span) -> None:
-    """Reports M014 if a property reads states of a plant that the replacement does not have."""
+    """Reports M014 if a property reads a plant's state that the replacement does not have."""
     if not isinstance(by, typed.PlantSymbol):
         return
     read = (
@@ -184,7 +184,7 @@ def _require_same_states(flat: Flattening, placed: PlacedInstance, by: object, s
 
 
 def _require_two_controllers(flat: Flattening, placed: PlacedInstance, span: Span) -> None:
-    """Reports M002 if AC and SC are one node after a replacement."""
+    """Reports M002 if a replacement makes the same node AC and SC."""
     ac, sc = placed.controllers()
     module = placed.symbol
     assert isinstance(module, typed.ModuleSymbol)
@@ -209,7 +209,7 @@ def controller_names(module: str, ac: typed.NodeSymbol, sc: typed.NodeSymbol) ->
 
 
 def _expressions_of_properties(flat: Flattening, part: SubSystem) -> list[typed.TypedExpr | None]:
-    """Gives the expressions of a part's properties; for the outermost part also of the test's."""
+    """Gives the expressions of a part's properties; the outermost part includes the test's."""
     tested = flat.test.properties if flat.test is not None and not part.prefix else ()
     return [e for p in (*part.system.properties, *tested) for e in (p.premise, p.condition)]
 

@@ -63,9 +63,9 @@ class ContractStandIn:
 
 
 class EndlessError(Exception):
-    """Says that a topic has too many values to be tried one by one, and which.
+    """An error for a topic that has too many values to be tried one by one.
 
-    `part` is the part of the topic, `where` the code, if any, that distinguishes its values.
+    `part` is the part of the topic; `where` is the code, if any, that distinguishes its values.
     """
 
     def __init__(self, why: str, where: Span | None = None, part: str = "") -> None:
@@ -77,11 +77,11 @@ class EndlessError(Exception):
 def make_stand_in(
     node: typed.NodeSymbol, by: ContractStandIn, diagnostics: Diagnostics
 ) -> tuple[typed.NodeSymbol, StandIn]:
-    """Gives a stand-in for `node`, still without a step, and its record; E015 for bursts."""
+    """Gives a stand-in for `node`, without a step, and its record; reports E015 for bursts."""
     own_clauses = [("", e) for e in node.guarantees]
     contract_clauses = [(c.name, c.condition) for c in by.clauses if c.kind == "guarantees"]
     clauses = [*contract_clauses, *own_clauses]
-    used = [(n, e) for n, e in clauses if _can_be_used(e, node)]
+    used = [(n, e) for n, e in clauses if _is_usable_guarantee(e, node)]
     wholes = tuple(e for _, e in used)
     if node.bursts:
         _refuse_bursts(node, by, diagnostics)
@@ -98,7 +98,7 @@ def make_stand_in(
 
 
 def _clause_text(name: str, condition: typed.TypedExpr) -> str:
-    """Gives a clause as text for people, on one line."""
+    """Gives the text of a clause for people, on one line."""
     text = " ".join(condition.span.text.split())
     return f"{name}: {text}" if name else text
 
@@ -110,7 +110,7 @@ def give_step_to_stand_in(
     readers: Readers,
     diagnostics: Diagnostics,
 ) -> None:
-    """Gives a stand-in its step; reports E015 if its values are too many.
+    """Gives a stand-in its step; reports E015 if it would have to try too many values.
 
     `stated`: topic index -> part of the topic -> the values that the test states.
     """
@@ -169,8 +169,8 @@ def _report_no_stand_in(
     )
 
 
-def _can_be_used(e: typed.TypedExpr, node: typed.NodeSymbol) -> bool:
-    """Whether a stand-in can use a guarantee, which reads no mode, queue or age of its outputs."""
+def _is_usable_guarantee(e: typed.TypedExpr, node: typed.NodeSymbol) -> bool:
+    """Whether a guarantee reads no mode, no queue, and no age of an output of the stand-in."""
     queued = {s.topic for s in node.subscribes if s.queue is not None}
     aged = {n.topic for n in nodes([e]) if isinstance(n, typed.AgeRead)}
     return not (mode_reads(e) or queued & topic_reads(e).keys() or aged & set(node.publishes))
@@ -203,7 +203,7 @@ def _statements_of_step(
             read = typed.VarRead(BOOL, by.span, is_put)
             value = typed.Conditional(symbol.type, by.span, read, value, _first_choice(value))
         inner.append(typed.TypedDeclare(by.span, chosen, value))
-    inner += _publications(put, by.span, [_with_chosen_values(e, put) for e in by.asked])
+    inner += _publishing_statements(put, by.span, [_with_chosen_values(e, put) for e in by.asked])
     if single:
         arm = (_choice_to_publish(next(iter(published))), tuple(inner))
         yield typed.TypedIf(by.span, (arm,), ())
@@ -211,7 +211,9 @@ def _statements_of_step(
         yield from inner
 
 
-def _publications(put: Put, span: Span, holds: Sequence[typed.TypedExpr]) -> list[typed.TypedStmt]:
+def _publishing_statements(
+    put: Put, span: Span, holds: Sequence[typed.TypedExpr]
+) -> list[typed.TypedStmt]:
     """Gives statements that publish the chosen values if all of the guarantees `holds` are true."""
     out: list[typed.TypedStmt] = []
     for symbol, (chosen, is_put) in put.items():
@@ -227,7 +229,7 @@ def _publications(put: Put, span: Span, holds: Sequence[typed.TypedExpr]) -> lis
 
 
 def _with_chosen_values(e: typed.TypedExpr, put: Put) -> typed.TypedExpr:
-    """Gives a guarantee that reads the chosen values instead of the stand-in's own topics."""
+    """Gives a guarantee that reads the chosen values in place of the stand-in's topics."""
 
     def chosen_value(read: typed.TypedExpr) -> typed.TypedExpr:
         if not isinstance(read, typed.TopicRead) or read.topic not in put:
@@ -247,7 +249,7 @@ def _with_chosen_values(e: typed.TypedExpr, put: Put) -> typed.TypedExpr:
 
 
 class _TriedValues:
-    """The values of a topic that a stand-in tries; all of them if `read` (its reads) is None."""
+    """The values of a topic that a stand-in tries: all, or with `read` only as many as it needs."""
 
     def __init__(
         self, topic: Topic, stated: Mapping[Path, Sequence[Value]], read: ReadTopic | None
@@ -257,14 +259,14 @@ class _TriedValues:
         self.read = read
 
     def choice_and_count(self) -> tuple[typed.TypedExpr, int]:
-        """Gives an expression that chooses one of the values, and their number."""
+        """Gives an expression that chooses a value to try, and the number of values."""
         topic = self.topic
         return self._choice_of_part(topic.type, topic.bounds, topic.default, topic.name, ())
 
     def _choice_of_part(
         self, t: Type, bounds: Sequence[Bound | None], first: Value, name: str, path: Path | None
     ) -> tuple[typed.TypedExpr, int]:
-        """Gives a choice of values of a part, and their number; `path` is None inside an array."""
+        """Gives a choice between values of a part, and their count; `path` is None in an array."""
         if path is not None and path in self.stated:
             return _value_choice(t, self.stated[path], name)
         if isinstance(t, RecordType) or (isinstance(t, ArrayType) and self._tries_elements(path)):
@@ -281,7 +283,7 @@ class _TriedValues:
         return _choice_of_all(t, bounds, name, where)
 
     def _tries_elements(self, path: Path | None) -> bool:
-        """Whether code distinguishes values of an array's elements, or all are to be tried."""
+        """Whether to try each element of an array, because code may distinguish its values."""
         return self.read is None or path is None or self.read.place_of_whole_read(path) is not None
 
     def _choice_of_parts(
@@ -313,7 +315,7 @@ class _TriedValues:
 def _choice_of_all(
     t: Type, bounds: Sequence[Bound | None], name: str, where: Span | None
 ) -> tuple[typed.TypedExpr, int]:
-    """Gives a choice between all values of a scalar, and their number; EndlessError if too many."""
+    """Gives a choice between all values of a scalar, and their number; may raise EndlessError."""
     low, count = 0, 0
     if isinstance(t, BoolType):
         count = 2
@@ -345,7 +347,7 @@ def _choice_to_publish(symbol: typed.TopicSymbol) -> typed.TypedExpr:
 
 
 def _first_choice(value: typed.TypedExpr) -> typed.TypedExpr:
-    """Gives the first of the values that `value` chooses from, where any of them is right."""
+    """Gives the first alternative of the choice `value`, if all alternatives are equally right."""
     if isinstance(value, typed.Aggregate):
         return replace(value, elements=tuple(_first_choice(e) for e in value.elements))
     if isinstance(value, typed.Literal):
@@ -358,15 +360,15 @@ def _first_choice(value: typed.TypedExpr) -> typed.TypedExpr:
 
 
 def _span_with_text(words: str) -> Span:
-    """Gives a span whose source text is `words`, by which a trace names a choice."""
+    """Gives a span whose source text is `words`; a trace uses it to name a choice."""
     return Span(Source("contract", words), 0, len(words))
 
 
 @dataclass(frozen=True)
 class StatedValues:
-    """The values that a test states of a part of a topic; `first` is the part's first value.
+    """The values that a test states for a part of a topic; `first` is the part's first value.
 
-    `promised` says that the test `guarantees` them, so that `first` is tried, too; else `assumes`.
+    `promised`: whether the test `guarantees` the values, so that `first` is tried, too.
     """
 
     topic: int
@@ -385,7 +387,7 @@ class StatedValues:
 
 
 def topic_and_path(read: typed.TypedExpr) -> tuple[typed.TopicSymbol, Path]:
-    """Gives the topic that `read` reads, and the path of its field from the whole inwards."""
+    """Gives the topic that `read` reads, and the path of the field in it, outermost name first."""
     path: list[int] = []
     while isinstance(read, typed.TypedField):
         path.append(read.index)
@@ -402,7 +404,7 @@ def part_at(value: Value, path: Path) -> Value:
 
 
 def with_part(value: Value, path: Path, part: Value) -> Value:
-    """Gives the value with `part` at `path`."""
+    """Gives a copy of the value in which `part` stands at `path`."""
     if not path:
         return part
     inner = with_part(value[path[0]], path[1:], part)
@@ -410,7 +412,7 @@ def with_part(value: Value, path: Path, part: Value) -> Value:
 
 
 def equality_with_one_of(read: typed.TypedExpr, values: Sequence[Value]) -> typed.TypedExpr:
-    """Gives the condition that `read` equals one of the values, leaf by leaf, with 0.0 == -0.0."""
+    """Gives the condition that `read` equals one of the values in all leaves, with 0.0 == -0.0."""
     each = [joined("&&", [*_equalities(read, v)], read.span) for v in values]
     return joined("||", each, read.span)
 

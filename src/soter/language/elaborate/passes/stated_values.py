@@ -21,7 +21,7 @@ from soter.language.elaborate.passes.stand_ins import (
     topic_and_path,
     with_part,
 )
-from soter.language.elaborate.passes.topics import index_at
+from soter.language.elaborate.passes.topics import topic_index_at
 from soter.language.elaborate.passes.value_sets import require_in_set
 from soter.language.model import typed
 from soter.language.model.system import Property
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from soter.language.model.types import Value
 
 
-def hold_to_stated_values(flat: Flattening, running_test: typed.TestSymbol) -> None:
-    """Adds `stated`, and `properties` that hold real parts to what other tests state."""
+def add_checks_of_stated_values(flat: Flattening, running_test: typed.TestSymbol) -> None:
+    """Adds `stated`, and properties that check real parts against the values other tests state."""
     sets = _settings_in(running_test)
     for test in flat.program.tests.values():
         alike = test.system is running_test.system and _settings_in(test) == sets
@@ -56,7 +56,7 @@ def _stated_values(flat: Flattening, test: typed.TestSymbol) -> list[StatedValue
     known: list[StatedValues] = []
     for item in test.stated:
         symbol, path = topic_and_path(item.read)
-        topic = flat.topics[index_at(flat, flat.parts[0], symbol)]
+        topic = flat.topics[topic_index_at(flat, flat.parts[0], symbol)]
         values = []
         for e in item.values:
             value = flat.value_of(e, "the value of a stand-in")
@@ -72,7 +72,7 @@ def _stated_values(flat: Flattening, test: typed.TestSymbol) -> list[StatedValue
 
 
 def _is_real_driver(flat: Flattening, test: typed.TestSymbol, c: Component, topic: int) -> bool:
-    """Whether `c` publishes `topic` and is part of the system, not put there by the test."""
+    """Whether `c` publishes `topic` and belongs to the system itself, not to the test."""
     by_test = flat.put_in.get(c.name) in [span for _, _, span in test.replaces]
     if c.node is None or c.stands_for is not None or by_test:
         return False
@@ -93,7 +93,7 @@ def _stated_property(c: Component, s: StatedValues, test: typed.TestSymbol, inde
 
 
 def _check_stated_values(flat: Flattening, test: typed.TestSymbol) -> None:
-    """Reports E020 for values of a topic of no stand-in, N002 for values that are stated twice."""
+    """Reports E020 for values of a topic that no stand-in publishes, N002 for repeated values."""
     published = {t for c in flat.components if c.stands_for is not None for t in c.writes}
     before: list[StatedValues] = []
     for s in flat.stated[test]:
@@ -120,7 +120,7 @@ def _check_stated_values(flat: Flattening, test: typed.TestSymbol) -> None:
 
 
 def give_steps_to_stand_ins(flat: Flattening, test: typed.TestSymbol, system: System) -> None:
-    """Gives stand-ins their steps, which publish all values that code of `system` distinguishes."""
+    """Gives stand-ins steps that publish all values which code of `system` can distinguish."""
     if flat.partial or flat.diagnostics.error_count:
         return
     asked = [(e, p.scope) for p in flat.timed for e in (p.premise, p.condition) if e]
@@ -138,7 +138,7 @@ def give_steps_to_stand_ins(flat: Flattening, test: typed.TestSymbol, system: Sy
 
 
 def _constant_value(e: typed.TypedExpr, scope: Scope) -> Value | None:
-    """Gives the value of an expression of constants and parameters; None if it has none."""
+    """Gives the value of an expression of constants and parameters; None for any other."""
     return Calculator(Diagnostics(), scope.params).value(e, "a constant")
 
 
@@ -148,7 +148,7 @@ def _settings_in(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, st
 
 
 def _with_stated_values(stand_in: StandIn, stated: Sequence[StatedValues]) -> StandIn:
-    """Gives the stand-in's record with the values that a test states for it, for reports."""
+    """Gives the record of a stand-in, for reports, with the values that the test states."""
     promised = [s.text for s in stated if s.promised]
     tried = [s.text for s in stated if not s.promised]
     return replace(stand_in, clauses=(*stand_in.clauses, *promised), tried=tuple(tried))

@@ -33,7 +33,7 @@ WAIT = "wait"
 def check_step_times(
     node: NodeSymbol, role: str, times: tuple[int, int], diagnostics: Diagnostics
 ) -> None:
-    """Reports V001 for times in the wrong order, M023 if steps of `node` may not take time.
+    """Reports V001 for times in the wrong order, and M023 if the node's steps may not take time.
 
     `role` is "ac" or "sc" inside a module.
     """
@@ -85,7 +85,7 @@ def _reasons_against_takes(node: NodeSymbol, role: str) -> Iterator[tuple[str, s
 def check_double_response(
     modules: Iterable[Module], components: Iterable[Component], diagnostics: Diagnostics
 ) -> None:
-    """Reports N002 if a `verify` block gives a `response` for a node that has its own `takes`."""
+    """Reports N002 for a `response` in a `verify` block if the node itself declares `takes`."""
     lasting = [c for c in components if c.takes_ns is not None]
     for m in modules:
         home = m.name.rpartition(".")[0]
@@ -110,7 +110,7 @@ def check_double_response(
 def wcet_and_jitter(
     numbers: Numbers, symbol: typed.NodeSymbol | typed.ModuleSymbol
 ) -> tuple[int | None, int]:
-    """Gives `wcet` and `jitter` in ns; None and 0 if they are not declared or after a report."""
+    """Gives `wcet` and `jitter` in ns; None and 0 if they are undeclared or after an error."""
     jitter = _time_ns(numbers, symbol.jitter, f"the jitter of `{symbol.name}`", least=0)
     return _time_ns(numbers, symbol.wcet, f"the wcet of `{symbol.name}`", least=1), jitter or 0
 
@@ -118,7 +118,7 @@ def wcet_and_jitter(
 def _time_ns(
     numbers: Numbers, expr: typed.TypedExpr | None, description: str, *, least: int
 ) -> int | None:
-    """Gives a time of at least `least` ns; None after a report, C001 or C002."""
+    """Gives a time of at least `least` ns; None after reporting C001 or C002."""
     needed = "cannot be negative" if least == 0 else "must be longer than zero"
     value = numbers.time_ns_from(expr, description, least, needed)
     if value is None or expr is None or value <= MAX_PERIOD_NS:
@@ -133,7 +133,7 @@ def _time_ns(
 
 
 def mark_inline_nodes(flat: Flattening) -> None:
-    """Marks the nodes that systems declare `inline`; reports M013 for other names."""
+    """Marks the nodes that systems declare `inline`; reports M013 for a name of no node."""
     by_name = {c.name: c for c in flat.components if c.node is not None}
     for part in flat.parts if not flat.partial else ():
         for path, span in part.system.inlines:
@@ -154,7 +154,7 @@ def mark_inline_nodes(flat: Flattening) -> None:
 def with_wait_faults(
     modules: Sequence[Module], faults: Sequence[Fault], *, shuffled: bool
 ) -> tuple[Fault, ...]:
-    """Gives `faults`, with "wait" faults of each SC whose DM may be late, unless `shuffled`."""
+    """Gives `faults` and, unless `shuffled`, a "wait" fault for each SC whose DM may be late."""
     others = [f for f in faults if f.kind != WAIT]
     return (*others, *(() if shuffled else _wait_faults(modules, others)))
 

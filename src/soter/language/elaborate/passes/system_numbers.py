@@ -41,10 +41,10 @@ Values = dict[typed.ParamSymbol, Any]
 
 
 class Parameters:
-    """The parameters of one system that runs.
+    """The parameters of one running system.
 
-    `everywhere` has the values where no instance has its own. `named` has these and the values of
-    instances, by full name (`GAIN`, `r[0].GAIN`), as reports print and overrides give them.
+    `everywhere` has the values that apply unless an instance has another. `named` has these and the
+    values of instances, by full name (`GAIN`, `r[0].GAIN`), for reports and overrides.
     """
 
     def __init__(
@@ -68,13 +68,13 @@ class Parameters:
         self.named: dict[str, Value] = {p.name: v for p, v in self.everywhere.items()}
 
     def add_settings(self, prefix: str, sets: Iterable[typed.SetSymbol]) -> None:
-        """Adds settings of a system below `prefix`; those of outer systems, added before, stay."""
+        """Adds settings of a system below `prefix`; settings of outer systems take precedence."""
         for item in sets:
             if item.path or not prefix:
                 self._set.setdefault((prefix + item.path, item.param), item)
 
     def values_inside(self, path: str, around: Values) -> Values:
-        """Gives the values in the instance at a full path; `around` itself if none is set there."""
+        """Gives the values in the instance at a full path; `around` itself if it sets none."""
         set_here = {p: v for p in around if (v := self._setting_for(path, p, None)) is not None}
         if not set_here:
             return around
@@ -130,7 +130,7 @@ class Parameters:
 def has_param(
     program: typed.TypedProgram, systems: Iterable[typed.SystemSymbol], name: str
 ) -> bool:
-    """Whether a full name means a parameter of the program, or of an instance in `systems`."""
+    """Whether `name` is the full name of a parameter in the program or in an instance."""
     param = program.param(name)
     if param is None or name == param.name:
         return param is not None
@@ -154,7 +154,7 @@ MAX_TIME_NS = 2**62
 
 
 class Numbers:
-    """Computes the numbers of one system under its parameters."""
+    """Computes the numbers of one system from its parameters."""
 
     def __init__(
         self,
@@ -173,7 +173,7 @@ class Numbers:
 
     @contextmanager
     def with_params(self, params: Values) -> Iterator[None]:
-        """Lets the numbers inside the `with` be computed with these parameters, in one budget."""
+        """Lets numbers inside the `with` be computed with these parameters, in the same budget."""
         before, outer = self.params, self.calculator
         if params is not before:
             known = self._calculators.get(id(params))
@@ -191,13 +191,13 @@ class Numbers:
     # ------------------------------------------------------------ numbers
 
     def value_of(self, expr: typed.TypedExpr | None, subject: str) -> Value | None:
-        """Gives the value of `expr` by this system's parameters; None without it, or after T020."""
+        """Gives the value of `expr` with the system's parameters; None if absent or after T020."""
         return None if expr is None else self.calculator.value(expr, subject)
 
     def time_ns_from(
         self, expr: typed.TypedExpr | None, subject: str, least: int, too_little: str
     ) -> int | None:
-        """Gives a time of at least `least` ns; None if none is declared, or after C001."""
+        """Gives a time of at least `least` ns; None if undeclared or after reporting C001."""
         value = self.value_of(expr, subject)
         if value is None or expr is None or value >= least:
             return value
@@ -213,7 +213,7 @@ class Numbers:
         limits: tuple[int, int],
         shown: Callable[[int], str],
     ) -> int | None:
-        """Gives `value` if it is within `limits`; None if there is no value, or after C002."""
+        """Gives `value` if it is within `limits`; None if it is absent or after reporting C002."""
         low, high = limits
         if value is None or expr is None or low <= value <= high:
             return value
@@ -222,14 +222,14 @@ class Numbers:
         return None
 
     def duration_ns(self, expr: typed.TypedExpr | None, subject: str) -> int | None:
-        """Gives a time in ns; None without one or after C001 (not above 0), C002 (too long)."""
+        """Gives a positive time in ns; None if undeclared or after reporting C001 or C002."""
         if isinstance(expr, typed.Literal) and expr.name == UNKNOWN:
             return None
         value = self.time_ns_from(expr, subject, 1, "must be longer than zero")
         return self._value_in_limits(value, expr, subject, (MIN_PERIOD_NS, MAX_PERIOD_NS), show_ns)
 
     def run_length_ns(self, expr: typed.TypedExpr | None, subject: str) -> int | None:
-        """Gives the length of a run in ns; None if none is declared or after a report."""
+        """Gives the length of a run in ns; None if it is undeclared or has an error."""
         value = self.time_ns_from(expr, subject, 1, "must be longer than zero")
         if value is None or expr is None or value <= MAX_TIME_NS:
             return value
@@ -238,16 +238,16 @@ class Numbers:
         return None
 
     def delay_ns(self, expr: typed.TypedExpr | None, subject: str) -> int | None:
-        """Gives a delay in ns, which may be 0; None if none is declared or after a report."""
+        """Gives a delay in ns, which may be 0; None if it is undeclared or has an error."""
         value = self.time_ns_from(expr, subject, 0, "cannot be negative")
         return self._value_in_limits(value, expr, subject, (0, MAX_PERIOD_NS), show_ns)
 
     def count(self, expr: typed.TypedExpr | None, subject: str, low: int, high: int) -> int | None:
-        """Gives a whole number in [low, high]; None if none is declared or after C002."""
+        """Gives a whole number in [low, high]; None if undeclared or after reporting C002."""
         return self._value_in_limits(self.value_of(expr, subject), expr, subject, (low, high), str)
 
     def bound(self, expr: typed.TypedExpr, subject: str) -> float | None:
-        """Gives the value of a bound, not negative; None after a report (V006)."""
+        """Gives the value of a bound, which is not negative; None after reporting V006."""
         bound = self.value_of(expr, subject)
         if bound is None or (math.isfinite(bound) and bound >= 0):
             return bound
@@ -258,7 +258,7 @@ class Numbers:
     def interval(
         self, low: typed.TypedExpr, high: typed.TypedExpr, span: Span, subject: str
     ) -> tuple[float, float] | None:
-        """Gives the bounds low and high; None after V006 (not finite) or V001 (out of order)."""
+        """Gives the two bounds; None after reporting V006 (not finite) or V001 (wrong order)."""
         a, b = self.value_of(low, subject), self.value_of(high, subject)
         if a is None or b is None:
             return None
@@ -283,7 +283,7 @@ class Numbers:
         return a, b
 
     def skew_ns(self, expr: typed.TypedExpr | None) -> int:
-        """Gives the skew of a test in ns, 0 or more; 0 also after a report."""
+        """Gives the skew of a test in ns, 0 or more; 0 also after a reported error."""
         value = self.value_of(expr, "`skew`")
         return self._value_in_limits(value, expr, "`skew`", (0, MAX_PERIOD_NS), show_ns) or 0
 
@@ -294,7 +294,7 @@ MAX_DEPTH = 100
 
 
 class TooLargeError(Exception):
-    """The system is too large to be flattened, which has been reported."""
+    """An error for a system that is too large to be flattened; it has been reported."""
 
 
 class SizeCounter:
@@ -313,7 +313,7 @@ class SizeCounter:
         self._sizes: dict[int, tuple[Type, int]] = {}
 
     def has_few_instances(self) -> bool:
-        """Whether the system has few enough instances; reports M007 otherwise."""
+        """Whether the number of instances is within the limit; reports M007 if not."""
         count, depth = self._count_parts()
         inner = [self.known[s] for s in _inner_systems(self.system)]
         if any(c > MAX_COMPONENTS or d > MAX_DEPTH for c, d in inner):
@@ -329,7 +329,7 @@ class SizeCounter:
         return count <= MAX_COMPONENTS and depth <= MAX_DEPTH
 
     def _count_parts(self) -> tuple[int, int]:
-        """Counts the components and levels of the system, and of each system inside it."""
+        """Gives the numbers of components and of levels of the system, with all inner systems."""
         path = [self.system]
         while path:
             system = path[-1]
@@ -347,7 +347,7 @@ class SizeCounter:
         return self.known[self.system]
 
     def has_room_for(self, t: Type) -> bool:
-        """Whether there is room for a topic, local or state of type `t`; reports M007 if not."""
+        """Whether a topic, local or state of type `t` still fits; reports M007 if not."""
         known = self._sizes.get(id(t))
         if known is None:
             known = self._sizes[id(t)] = (t, leaf_count(t))
@@ -380,10 +380,10 @@ def warn_of_idle_settings(
     code: Iterable[tuple[str, tuple[object, ...]]],
     diagnostics: Diagnostics,
 ) -> None:
-    """Warns W010 of each setting, with a full path, that nothing in its instance reads.
+    """Warns W010 of each setting that nothing in its instance reads.
 
-    `code`: the paths of all instances, each with parts of the checked program that stand there.
-    Settings in a loop get one warning, at the first one.
+    `code`: (path, parts of the checked program) for all instances. Settings in a loop get one
+    warning, at the first one.
     """
     known: dict[int, Reads] = {}
     read_by_path: dict[str, set[typed.ParamSymbol]] = {}

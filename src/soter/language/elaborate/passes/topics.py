@@ -27,10 +27,12 @@ if TYPE_CHECKING:
     )
 
 
-def index_at(flat: Flattening, place: PlacedInstance | SubSystem, symbol: typed.TopicSymbol) -> int:
-    """Gives the index of the topic that `symbol` means at a place; makes the topic if it is new.
+def topic_index_at(
+    flat: Flattening, place: PlacedInstance | SubSystem, symbol: typed.TopicSymbol
+) -> int:
+    """Gives the index of the topic that `symbol` means at a place, and makes it if it is new.
 
-    Raises TooLargeError where there is no room for its values.
+    Raises TooLargeError if no room is left for its values.
     """
     key = home_of_topic(flat, symbol, place.prefix, place.wires)
     known = flat.topic_by_key.get(key)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 def set_and_default(flat: Flattening, symbol: typed.TopicSymbol) -> tuple[Bounds, bool, Value]:
-    """Gives a topic's bounds of leaves, whether each number has one, and the first value."""
+    """Gives the bounds of a topic's leaves, whether each number has one, and the first value."""
     key = symbol, id(flat.params)
     if key not in flat.sets:
         bounds, declared = _bounds_of_leaves(flat, symbol)
@@ -100,7 +100,7 @@ def require_in_set(
     subject: str,
     notes: tuple[str, ...] = (),
 ) -> None:
-    """Reports V005, beginning with `subject`, if a value lies outside its topic's set."""
+    """Reports V005 if a value is outside its topic's set; the message begins with `subject`."""
     outside = first_outside(topic.type, value, topic.bounds)
     if outside is None or topic.symbol in flat.program.damaged:
         return
@@ -116,7 +116,7 @@ def require_in_set(
 
 
 def _all_allow_zeros(t: Type, bounds: Bounds) -> bool:
-    """Whether zero is inside all bounds; no value of zeros is made, since it may be large."""
+    """Whether zero is inside all bounds; does not make a value of zeros, which may be large."""
     return is_vector_part(t) and all(b is None or b.low <= 0.0 <= b.high for b in set(bounds))
 
 
@@ -126,14 +126,14 @@ def bound_text(bound: Bound) -> str:
 
 
 def text_of_number_outside(number: float, bound: Bound) -> str:
-    """Gives the text about a number outside its bound that ends a sentence of a message."""
+    """Gives the end of a sentence about a number that is outside its bound."""
     if math.isfinite(number):
         return f"{number!r}, outside {bound_text(bound)}"
     return f"{number!r}, which no topic may hold"
 
 
 class _Bounder:
-    """Finds the bound of each leaf of a type: the innermost declared set that covers it."""
+    """Finds the bound of each leaf of a type, from the innermost declared set around the leaf."""
 
     def __init__(self, sets: dict[tuple[str, ...], Bound]) -> None:
         self.sets = sets
@@ -154,7 +154,7 @@ class _Bounder:
         if not isinstance(t, (FloatType, IntType)):
             return (None,), True
         if isinstance(t, IntType):
-            outer = _cut_to_type(outer, t)
+            outer = _bound_within_type(outer, t)
         return (outer,), outer is not None
 
     def _bounds_of_parts(
@@ -167,15 +167,15 @@ class _Bounder:
         return bounds * (t.size if isinstance(t, ArrayType) else 1), declared
 
 
-def _cut_to_type(bound: Bound | None, t: IntType) -> Bound | None:
-    """Gives the bound of an int, within its type's range; draws and the gate rely on this."""
+def _bound_within_type(bound: Bound | None, t: IntType) -> Bound | None:
+    """Gives the bound of an int, limited to its type's range, as draws and the gate need it."""
     if bound is None:
         return None if t.is_full else Bound(t.low, t.high)
     return Bound(max(bound.low, t.low), min(bound.high, t.high))
 
 
 def first_outside(t: Type, value: Value, bounds: Bounds) -> tuple[str, float, Bound] | None:
-    """Gives the first leaf of a value that is outside its bound: (path, value, bound); or None."""
+    """Gives path, value and bound of the first leaf outside its bound; None if none is outside."""
     violation, _ = _first_outside_and_next(t, value, bounds, 0, "")
     return violation
 
@@ -194,7 +194,7 @@ def _typed_parts(
 def _first_outside_and_next(
     t: Type, value: Value, bounds: Bounds, at: int, path: str
 ) -> tuple[tuple[str, float, Bound] | None, int]:
-    """Gives the first leaf outside its bound, and the position in `bounds` behind the value."""
+    """Gives the first leaf outside its bound, and the index of the next bound after the value."""
     if isinstance(t, (RecordType, ArrayType)):
         for part_type, part, where in _typed_parts(t, value, path):
             violation, at = _first_outside_and_next(part_type, part, bounds, at, where)

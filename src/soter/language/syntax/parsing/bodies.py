@@ -57,7 +57,7 @@ class BodyParser(StatementParser):
     # ------------------------------------------------------------ items
 
     def _open_body(self, subject: str, items: Items) -> int:
-        """Steps over the `{` of a body; gives its index, or that of the token in its place."""
+        """Steps over the `{` of a body; gives the index of `{`, or of the token in its place."""
         if self.kinds[self.i] == "{":
             self.opened.append(self.take())
             return self.i - 1
@@ -74,7 +74,7 @@ class BodyParser(StatementParser):
         return self.i - 1
 
     def body(self, subject: str, items: Items, other: Other = None) -> Parts:
-        """Reads `{ items }` by the row of each leading word; `other` reads other items."""
+        """Parses `{ items }` by the table `items` of leading words; `other` parses other items."""
         parts = Parts()
         opener = self._open_body(subject, items)
         outer, self.items = self.items, frozenset(items)
@@ -104,7 +104,7 @@ class BodyParser(StatementParser):
                 if other is None or not other(self, parts):
                     item = items.get(self.texts[before])
                     if item is not None:
-                        self._take_out_colon(before)
+                        self._report_sign_after_word(before)
                         self._parse_item(item, parts)
                     else:
                         self._report_unknown_item(subject, parts, items)
@@ -118,8 +118,8 @@ class BodyParser(StatementParser):
                 while self.kinds[self.i] == ";":  # behind a block that was skipped
                     self.i += 1
 
-    def _take_out_colon(self, word: int) -> None:
-        """Reports the sign in `period: 50ms;` or `period = 50ms;`, and takes it out."""
+    def _report_sign_after_word(self, word: int) -> None:
+        """Reports the wrong sign in `period: 50ms;` or `period = 50ms;`, and skips it."""
         sign = self.kinds[word + 1]
         if sign in (":", "="):
             self.i = word + 1
@@ -138,7 +138,7 @@ class BodyParser(StatementParser):
         return replace(Span(self.source, start, end), " ", "leave it out")
 
     def _parse_item(self, item: Item, parts: Parts) -> None:
-        """Parses an item, at its word, and keeps its values."""
+        """Parses the item whose word is at the cursor, and adds its values to `parts`."""
         at, word = self.i, self.texts[self.i]
         self.i += 1
         read = item.read(self, word, self.starts[at])
@@ -165,7 +165,7 @@ class BodyParser(StatementParser):
                 helps=("write a `grid`, and where that is too dear `rest`",),
             )
         message = f"expected an item of {subject}, found {self.found()}"
-        if self._at_loose_statement():
+        if self._is_at_loose_statement():
             self._skip_loose_statements(message, items)
             return
         known = word in THEIRS or not word.isidentifier()
@@ -182,13 +182,13 @@ class BodyParser(StatementParser):
         notes = (_item_list(subject.partition(" `")[0], items),)
         raise self.failure("S010", message, notes=notes)
 
-    def _at_loose_statement(self) -> bool:
-        """Whether a statement begins here, and not a list of topics."""
+    def _is_at_loose_statement(self) -> bool:
+        """Whether a statement begins at the cursor, and not `publish` with a list of topics."""
         kind = self.kinds[self.i]
         return kind in STATEMENT_WORDS and not (kind == "publish" and self._has_only_names())
 
     def _help_for_missing_word(self, word: str, items: Items) -> Help | None:
-        """Gives what to write for `invariant(M);` or, in a system, for `House;`."""
+        """Gives the help for a lacking word: before `invariant(M);` or, in a system, `House;`."""
         if word in ("invariant", "invariants") and "always" in items:
             return self._advice_to_write_always(items)
         alone = self.kinds[self.i] == NAME and self.kinds[self.i + 1] == ";"
@@ -204,7 +204,7 @@ class BodyParser(StatementParser):
         self._parse_item(items[word], parts)
 
     def _lone_name_help(self, word: str, items: Items) -> Help:
-        """Gives `system House;` for `House;`, by what is declared under that name."""
+        """Gives the help `system House;` for `House;`, by the kind of declaration of this name."""
         kinds, texts = self.kinds, self.texts
         declared = {k for i, k in enumerate(kinds[:-1]) if texts[i + 1] == word and k in _ITEM_OF}
         item = _ITEM_OF[declared.pop()] if len(declared) == 1 else None
@@ -225,15 +225,15 @@ class BodyParser(StatementParser):
         return f"write `always {text};`{where}"
 
     def _skip_loose_statements(self, message: str, items: Items) -> None:
-        """Reports statements without a `step {` around them once, and skips them."""
+        """Reports statements outside of a `step { ... }` with one error, and skips them."""
         in_a_node = "step" in items
         note = "statements stand inside a `step { ... }` block of a node, or in a function"
         self.report("S010", message, notes=(note,))
         self.damaged = True
-        while not in_a_node and self._at_statement() and self.texts[self.i] not in items:
+        while not in_a_node and self._is_at_statement() and self.texts[self.i] not in items:
             self.advance()
             self.skip_statement()
-        while self._at_statement() and self.texts[self.i] not in items:
+        while self._is_at_statement() and self.texts[self.i] not in items:
             self.quiet = -1
             self._parse_or_recover([], self.kinds[self.i])
         after = self.i + 1
@@ -245,14 +245,14 @@ class BodyParser(StatementParser):
             self.i += 1  # only the opening of the block was missing
 
     def _has_only_names(self) -> bool:
-        """Whether only names follow `publish`, so that `publishes` is meant."""
+        """Whether only names follow the word `publish`, so `publishes` was meant."""
         i = self.i + 1
         while self.kinds[i] in (NAME, ".", ","):
             i += 1
         return self.kinds[i] in (";", "}") or self.kinds[i] in BODY_WORDS
 
     def _keep_once(self, item: Item, parts: Parts, read: Any, at: int) -> None:  # noqa: ANN401
-        """Keeps the value of an item that may stand once; reports a second one."""
+        """Keeps the value of an item that may occur only once, or reports its second occurrence."""
         title, span = item.told or self.texts[at], self.token_span(at)
         if title in parts.first:
             self.quiet = -1
@@ -266,16 +266,20 @@ class BodyParser(StatementParser):
         parts.once.update(zip(item.defaults, values, strict=True))
 
     def refs(self, subject: str) -> list[tree.Ref]:
-        """Gives one name or more, between commas."""
+        """Parses one or more names, separated by commas."""
         refs = [self.ref(subject)]
         while self.accept(",") or self.accept_forgotten_comma():
             refs.append(self.ref(subject))
         return refs
 
     def accept_forgotten_comma(self) -> bool:
-        """Whether a comma is missing in a list of names, `a b`; then it reports that."""
+        """Whether a comma was forgotten between two names, as in `a b`; if so, reports it."""
         i = self.i
-        if self.kinds[i] != NAME or self.new_line() or self.kinds[i + 1] not in (",", ";", "."):
+        if (
+            self.kinds[i] != NAME
+            or self.is_on_new_line()
+            or self.kinds[i + 1] not in (",", ";", ".")
+        ):
             return False
         message = f"expected `,` or `;` after the name, found {self.found()}"
         if self.kinds[i + 1] != "." and not self._is_topic_of_file(self.texts[i]):
@@ -287,7 +291,7 @@ class BodyParser(StatementParser):
         return True
 
     def _is_topic_of_file(self, word: str) -> bool:
-        """Whether the file declares a topic of this name, as far as it looks."""
+        """Whether the file contains the declaration of a topic with this name."""
         pairs = zip(self.kinds, self.texts[1:], strict=False)
         return any(kind == "topic" and text == word for kind, text in pairs)
 
@@ -295,7 +299,7 @@ class BodyParser(StatementParser):
         self, kind: str, name: tree.Name, *, extern: bool
     ) -> tuple[tree.SyntaxExpr, tree.SyntaxExpr | None, str | None, Span | None]:
         """Reads period, phase and `from` in the head of a node or plant, in any order."""
-        rows: dict[str, Step] = {"period": time("`period`"), "from": BodyParser._origin}
+        rows: dict[str, Step] = {"period": time("`period`"), "from": BodyParser._parse_origin}
         rows |= {"phase": time("`phase`")} if kind == "node" else {}
         if not extern:
             rows.pop("from")
@@ -320,7 +324,7 @@ class BodyParser(StatementParser):
         return tree.ErrorExpr(self.after_previous())
 
     def _period_inside(self, kind: str, name: tree.Name) -> Fix | None:
-        """Gives the edit that moves `period 20ms;` from the body into the head; or None."""
+        """Gives the edit that moves `period 20ms;` from the body to the head; None if not found."""
         depth, i = 0, self.i
         while self.kinds[i] != EOF and not (depth == 0 and i > self.i):
             depth += (self.kinds[i] == "{") - (self.kinds[i] == "}")
@@ -355,7 +359,7 @@ class BodyParser(StatementParser):
         return tree.ErrorTypeExpr(self.after_previous())
 
     def range_of(self, subject: str) -> tree.IntervalExpr:
-        """Parses an interval; gives one of ErrorExprs if it cannot be read."""
+        """Parses an interval; gives an interval of two ErrorExprs if this fails."""
         start = self.i
         try:
             return self.interval(subject)
@@ -378,9 +382,9 @@ class BodyParser(StatementParser):
 
     def origin(self) -> tuple[str | None, Span | None]:
         """Parses `from "..."` of an extern declaration, if it is there."""
-        return self._origin() if self.accept_word("from") else (None, None)
+        return self._parse_origin() if self.accept_word("from") else (None, None)
 
-    def _origin(self) -> tuple[str | None, Span | None]:
+    def _parse_origin(self) -> tuple[str | None, Span | None]:
         if self.kinds[self.i] != STRING:
             self.report(
                 "S005",
@@ -393,7 +397,7 @@ class BodyParser(StatementParser):
         return string_value(self.texts[i]), self.token_span(i)
 
     def fix_without_extern(self, start: int, origin: Span | None) -> Fix:
-        """The edit that removes `extern`, at `start`, and `from "..."`, which has `origin`."""
+        """Gives the edit that removes `extern` at `start`, and the `from "..."` at `origin`."""
         text = self.source.text
         end = start + len("extern")
         end += len(text[end:]) - len(text[end:].lstrip())

@@ -24,12 +24,12 @@ from soter.language.syntax.parsing.items import (
     equal,
     expr,
     group,
-    of_word,
     often,
     once,
     only,
     pair,
     range_of,
+    reader_named_by_word,
     ref,
     semicolon,
     time,
@@ -55,7 +55,7 @@ def parse_fun(parser: BodyParser) -> tree.Decl:
     parser.i += 1
     name = parser.declare("the name of the function")
     parameters = _parameters(parser)
-    result = _result_type(parser, name)
+    result = _parse_result_type(parser, name)
     source, source_span = parser.origin() if extern else parser.refuse_stray_origin("fun")
     body: tree.Block | None = None
     if parser.kinds[parser.i] == "{":
@@ -66,7 +66,7 @@ def parse_fun(parser: BodyParser) -> tree.Decl:
     elif extern:
         parser.expect_semicolon("the extern function")
     else:
-        body = _function_body(parser)
+        body = _parse_function_body(parser)
     return tree.FunDecl(
         name,
         parser.span_from(start),
@@ -79,7 +79,7 @@ def parse_fun(parser: BodyParser) -> tree.Decl:
     )
 
 
-def _function_body(parser: BodyParser) -> tree.Block | None:
+def _parse_function_body(parser: BodyParser) -> tree.Block | None:
     """Parses the body of a function; reports a missing `{`."""
     message = f"expected `{{` and the body of the function, found {parser.found()}"
     if parser.kinds[parser.i] == ";":
@@ -106,7 +106,7 @@ def _report_extern_body(parser: BodyParser, name: tree.Name, not_extern: Fix) ->
     parser.block("after the result type")
 
 
-def _result_type(parser: BodyParser, name: tree.Name) -> tree.TypeExpr:
+def _parse_result_type(parser: BodyParser, name: tree.Name) -> tree.TypeExpr:
     if parser.kinds[parser.i] in ("->", "=>"):
         parser.report(
             "S015",
@@ -202,7 +202,7 @@ def _parse_reads(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.R
 def _parse_drives(
     parser: BodyParser, word: str, start: int, *, extern: bool = False
 ) -> Iterator[tuple[tree.Ref, tree.SyntaxExpr | None]]:
-    """Yields topic and value of `topic = value;`, several if commas stand in place of `;`."""
+    """Yields (topic, value) of `topic = value;`; several pairs if wrong commas replace the `;`."""
     topic = parser.ref("the name of a topic")
     value: tree.SyntaxExpr | None = None
     if parser.kinds[parser.i] in ("=", ":=", "=="):
@@ -248,7 +248,7 @@ def _parse_state(parser: BodyParser, _word: str, start: int) -> tree.PlantState:
     if initial is not None:
         initial = parser.up_to_semicolon(initial, "the initial value")
     else:
-        parser.skip_missing_initial("the type of the state")
+        parser.require_no_initial("the type of the state")
     return tree.PlantState(name, type_, interval, initial, parser.span_from(start))
 
 
@@ -406,12 +406,12 @@ def _parse_count(parser: BodyParser, subject: str) -> int | None:
 
 
 def _parse_policy(parser: BodyParser) -> str | None:
-    """Parses what happens when a queue is full; None if the program does not say it."""
+    """Parses the policy for a full queue; None if the program does not declare a policy."""
     word = parser.texts[parser.i]
     if word in ("drop_oldest", "drop_newest", "fault"):
         parser.i += 1
         return word
-    if parser.kinds[parser.i] != NAME or parser.new_line() or word in parser.items:
+    if parser.kinds[parser.i] != NAME or parser.is_on_new_line() or word in parser.items:
         return None
     parser.report(
         "S005",
@@ -434,7 +434,7 @@ def _parse_publishes(parser: BodyParser, _word: str, _start: int) -> Iterator[tr
 
 
 def _parse_burst(parser: BodyParser) -> int | None:
-    """Parses `[<=4]`: how many messages of a topic a step may publish."""
+    """Parses `[<=4]`, the number of messages that a step may publish on a topic."""
     parser.tight.append(parser.take())
     if parser.kinds[parser.i] != "<=":
         message = f"expected `<=` before the number of messages, found {parser.found()}"
@@ -453,7 +453,7 @@ def _parse_local(parser: BodyParser, _word: str, start: int) -> tree.LocalVar:
     if parser.kinds[parser.i] in ("=", ":=", "=="):
         initial = parser.assigned_value("the type of the variable", "the initial value")
     else:
-        parser.skip_missing_initial("the type of the variable")
+        parser.require_no_initial("the type of the variable")
     return tree.LocalVar(name, type_, initial, parser.span_from(start))
 
 
@@ -467,8 +467,8 @@ NODE_ITEMS: Items = {
     "takes": once(
         "takes", only(range_of("how long a step takes"), semicolon("how long a step takes"))
     ),
-    "wcet": once("wcet", of_word("time_value")),
-    "jitter": once("jitter", of_word("time_value")),
+    "wcet": once("wcet", reader_named_by_word("time_value")),
+    "jitter": once("jitter", reader_named_by_word("time_value")),
     "failsafe": often("failsafe", only(_FAILSAFE)),
     "var": often("locals", _parse_local),
     "assumes": often("assumes", only(value("the assumption"))),

@@ -19,14 +19,14 @@ from soter.language.syntax.parsing.literals_and_operators import (
     LEVELS_MAX,
     NUMBERS,
     PRECEDENCE,
-    explain_unit,
+    add_unit_help,
     fields_helps,
     number_literal,
     operator_meant,
     refuse_depth,
     refuse_expression,
+    report_foreign_operator,
     report_nesting,
-    report_slip,
     tree_height,
 )
 from soter.language.syntax.parsing.token_cursor import Cursor, Panic
@@ -55,7 +55,7 @@ class ExpressionParser(Cursor):
     # ------------------------------------------------------------ entry points
 
     def expr(self, subject: str, *, stop_at_brace: bool = False) -> tree.SyntaxExpr:
-        """Parses one expression, called `subject` in messages; a broken one is an ErrorExpr."""
+        """Parses an expression that messages call `subject`; gives an ErrorExpr if it is broken."""
         start = self.i
         depth = self.depth
         self.strict = False
@@ -75,14 +75,14 @@ class ExpressionParser(Cursor):
         return self.up_to_semicolon(self.expr(subject), subject)
 
     def up_to_semicolon(self, result: tree.SyntaxExpr, subject: str) -> tree.SyntaxExpr:
-        """Steps over the `;` after `result`; an ErrorExpr if other tokens stand between."""
+        """Steps over the `;` after `result`; gives an ErrorExpr if other tokens come before it."""
         if self.accept(";"):
             return result
         self.report_missing_semicolon(subject)
         if self.may_go_on():
             return result
         start = self.i
-        explain_unit(self, start)
+        add_unit_help(self, start)
         self.skip_expression(start)
         self.accept(";")
         return tree.ErrorExpr(result.span)
@@ -146,7 +146,7 @@ class ExpressionParser(Cursor):
                     break
                 op, precedence = meant, PRECEDENCE[meant]
                 if precedence >= limit:
-                    report_slip(self, op)
+                    report_foreign_operator(self, op)
             if precedence < limit:
                 break
             at = self.i
@@ -194,7 +194,7 @@ class ExpressionParser(Cursor):
         return tree.ConditionalExpr(span, condition, then, otherwise)
 
     def _refuse_chain(self, left: tree.SyntaxExpr, first: int) -> tree.SyntaxExpr:
-        """Reports `a < b < c` once for the whole chain, and gives an ErrorExpr."""
+        """Reports a chain `a < b < c` with one error, and gives an ErrorExpr."""
         second = self.i
         also = ((self.token_span(first), "the first one"),)
         texts = [left.span.text]
@@ -222,7 +222,7 @@ class ExpressionParser(Cursor):
     # ------------------------------------------------------------ operands
 
     def _parse_postfix(self) -> tree.SyntaxExpr:
-        """Parses a primary and its fields, indices and calls."""
+        """Parses a primary expression and the fields, indices and calls after it."""
         i = self.i
         kinds = self.kinds
         kind = kinds[i]
@@ -249,7 +249,7 @@ class ExpressionParser(Cursor):
                 span = Span(self.source, start, self.ends[self.i - 1])
                 result = tree.FieldExpr(span, result, field)
             elif kind == "[":
-                result = self._index(result, start)
+                result = self._parse_index(result, start)
             elif kind == "(":
                 result = self._call(result, start)
             elif kind in _NO_OPERATORS:
@@ -259,7 +259,7 @@ class ExpressionParser(Cursor):
                 return result
 
     def _skip_not(self) -> int:
-        """Reports `not`, and steps over it and over signs after it; gives the level of signs."""
+        """Reports `not`, and skips it with the signs after it; gives the index of the operand."""
         token = self.token_span(self.i)
         blank = Span(self.source, token.start, self.starts[self.i + 1])
         self.report(
@@ -285,7 +285,7 @@ class ExpressionParser(Cursor):
         self.close(")", "the expression", opener)
         return result
 
-    def _index(self, target: tree.SyntaxExpr, start: int) -> tree.SyntaxExpr:
+    def _parse_index(self, target: tree.SyntaxExpr, start: int) -> tree.SyntaxExpr:
         opener = self.take()
         self.tight.append(opener)
         index = self.expression(ANY)
@@ -336,7 +336,7 @@ class ExpressionParser(Cursor):
         return tuple(elements)
 
     def close(self, kind: str, after: str, opener: int) -> None:
-        """Steps over the bracket `kind` that closes token `opener`; Panic without it."""
+        """Steps over the bracket `kind` that closes token `opener`; raises Panic without it."""
         if self.accept(kind):
             return
         wanted = f"`{kind}`" if after in ("the expression", "the index") else f"`,` or `{kind}`"
@@ -442,7 +442,7 @@ class ExpressionParser(Cursor):
     # ------------------------------------------------------------ intervals and sets
 
     def interval(self, subject: str) -> tree.IntervalExpr:
-        """Parses `[low, high]`; Panic if the bracket is missing."""
+        """Parses `[low, high]`; raises Panic if the bracket is missing."""
         opener = self.i
         if self.kinds[opener] != "[":
             raise self.failure(

@@ -64,7 +64,7 @@ def dotted(subject: str) -> Step:
 def parse_setting(
     parser: BodyParser, _word: str, start: int, *, inside: bool = False
 ) -> tree.SetParam:
-    """Parses `set K = 3`, after `set` at `start`; `inside` an instance's braces without `;`."""
+    """Parses `set K = 3` after `set`, which is at `start`; `inside`: in braces, without a `;`."""
     param = parse_path(parser, "the name of a parameter")
     parser.assign("after the parameter")
     subject = "the value of the parameter"
@@ -73,9 +73,9 @@ def parse_setting(
 
 
 def loop(items: Items, other: Other) -> Read:
-    """Gives a reader of `for i in low..high { items }`; arguments are as for `BodyParser.body`.
+    """Makes a reader of `for i in low..high { items }`, with the arguments of `BodyParser.body`.
 
-    It gives the items by field, each kind of items as one `Repeated`.
+    The reader maps each field to a `Repeated` with the items of one kind.
     """
 
     def read(parser: BodyParser, _word: str, start: int) -> dict[str, tree.Repeated]:

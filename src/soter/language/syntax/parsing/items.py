@@ -31,7 +31,7 @@ NOTHING = object()
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A row: how an item is read, and which fields it fills in the node of its body."""
+    """A row of a table of items: how to parse an item, and which fields of the body it fills."""
 
     defaults: Mapping[str, Any]
     """Field that the item fills -> its value if the item is absent."""
@@ -48,17 +48,17 @@ class Item:
 def once(
     fields: str | Mapping[str, Any], read: Read, *begins: str, title: str = "", none: object = None
 ) -> Item:
-    """Gives an item that may stand once. One of several fields reads a tuple of their values."""
+    """Makes an item that may occur once. For several fields, its reader gives a tuple of values."""
     return Item({fields: none} if isinstance(fields, str) else fields, read, "once", begins, title)
 
 
 def often(field: str, read: Read, *begins: str) -> Item:
-    """Gives an item that may stand often, and reads one value of a field each time."""
+    """Makes an item that may occur often; each occurrence adds one value to the field."""
     return Item({field: ()}, read, "often", begins)
 
 
 def each(field: str, read: Read) -> Item:
-    """Gives an item that may stand often, and yields several values of a field."""
+    """Makes an item that may occur often; each occurrence adds several values to the field."""
     return Item({field: ()}, read, "each")
 
 
@@ -77,13 +77,13 @@ class Parts:
         self.several: defaultdict[str, list[Any]] = defaultdict(list)
 
     def fields(self, items: Items) -> dict[str, Any]:
-        """Gives the fields of the node that a body with such items becomes."""
+        """Gives the fields of the syntax tree node for a body with these items."""
         values = {name: value for i in items.values() for name, value in i.defaults.items()}
         return values | self.once | {name: tuple(found) for name, found in self.several.items()}
 
 
 def begins(items: Items) -> tuple[str, ...]:
-    """Gives how the items of a table begin, as an editor offers them."""
+    """Gives the possible beginnings of the items in a table, for completion in an editor."""
     return tuple(text for word, item in items.items() for text in item.begins or (word,))
 
 
@@ -131,12 +131,12 @@ def equal(where: str, subject: str) -> Step:
 
 
 def maybe(text: str, step: Step, none: object = None) -> Step:
-    """A step that reads `step` after the word `text`, if that word stands here; else `none`."""
+    """Makes a step that runs `step` if the word `text` is at the cursor, and else gives `none`."""
     return lambda parser: step(parser) if parser.accept(text) or parser.accept_word(text) else none
 
 
 def commas(step: Step) -> Step:
-    """Gives a step that reads one or more values, between commas."""
+    """Makes a step that parses one or more values, separated by commas."""
 
     def read(parser: Cursor) -> tuple[Any, ...]:
         found = [step(parser)]
@@ -148,14 +148,14 @@ def commas(step: Step) -> Step:
 
 
 def word_of(*texts: str) -> Step:
-    """Gives a step that reads one of some words; "" if none of them stands here."""
+    """Makes a step that parses one of some words; the step gives "" if none is at the cursor."""
     return lambda parser: next((text for text in texts if parser.accept_word(text)), "")
 
 
 def clauses(parser: Cursor, item: str, rows: Mapping[str, Step]) -> dict[str, Any]:
-    """Reads clauses after a name, in any order, by the word or sign that leads each.
+    """Parses clauses after a name, in any order, each by the word or sign at its beginning.
 
-    Reports S022 for one that stands twice in this `item`.
+    Reports S022 for a clause that occurs twice in this `item`.
     """
     found: dict[str, Any] = {}
     while (lead := "=" if parser.kinds[parser.i] in EQUALS else parser.texts[parser.i]) in rows:
@@ -176,12 +176,12 @@ def clauses(parser: Cursor, item: str, rows: Mapping[str, Step]) -> dict[str, An
 
 
 def values_of(parser: Cursor, *steps: Step) -> list[Any]:
-    """Gives the values that steps read one after another, without signs and words."""
+    """Gives the values of steps that run one after another; signs and words give no value."""
     return [v for step in steps if (v := step(parser)) is not NOTHING]
 
 
 def group(make: Callable[..., Any], *steps: Step) -> Step:
-    """Gives a step that makes one value of what several steps read."""
+    """Makes a step that runs several steps, and gives the result of `make` for their values."""
     return lambda parser: make(*values_of(parser, *steps))
 
 
@@ -194,7 +194,7 @@ def pair(*parts: object) -> tuple[object, ...]:
 
 
 def made(make: Callable[..., Any], *steps: Step) -> Read:
-    """A reader that makes a node of the values that steps read (the last reads `;`), and a span."""
+    """Makes a reader that gives `make` called with the steps' values and a span."""
 
     def read(parser: Cursor, _word: str, start: int) -> Any:  # noqa: ANN401 - a node
         return make(*values_of(parser, *steps), parser.span_from(start))
@@ -203,12 +203,12 @@ def made(make: Callable[..., Any], *steps: Step) -> Read:
 
 
 def only(*steps: Step) -> Read:
-    """Gives a reader for the value of the one step that has a value."""
+    """Makes a reader that gives the value of the only step that has a value."""
     return lambda parser, _word, _start: values_of(parser, *steps)[0]
 
 
-def of_word(method: str) -> Read:
-    """Gives a reader of a value or a time, which messages call by the item's word."""
+def reader_named_by_word(method: str) -> Read:
+    """Makes a reader of a value or a time; messages call the value by the word of the item."""
     return lambda parser, word, _start: getattr(parser, method)(f"`{word}`")
 
 

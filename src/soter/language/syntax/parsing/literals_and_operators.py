@@ -57,7 +57,7 @@ def report_nesting(cursor: Cursor, span: Span, subject: str) -> None:
 
 
 def tree_height(expr: tree.SyntaxExpr) -> int:
-    """Gives the levels of an expression tree, counted without recursion up to `LEVELS_MAX`."""
+    """Gives the number of levels of an expression, without recursion, up to `LEVELS_MAX`."""
     level = 0
     row: list[tree.SyntaxExpr] = [expr]
     while row and level <= LEVELS_MAX:
@@ -119,7 +119,7 @@ _DURATION_NS_MAX = 2**63 - 1
 
 
 def number_literal(cursor: Cursor, span: Span, kind: str) -> tree.SyntaxExpr:
-    """Gives the literal of the token before the cursor, whose kind is among NUMBERS."""
+    """Gives the literal of the number token just before the cursor; `kind` is in NUMBERS."""
     text = cursor.texts[cursor.i - 1]
     if kind == FLOAT:
         value = float(text)
@@ -152,8 +152,8 @@ def _refuse_large_number(cursor: Cursor, span: Span, subject: str) -> tree.Synta
     return tree.ErrorExpr(span)
 
 
-def explain_unit(cursor: Cursor, i: int) -> None:
-    """Adds a help to the error just reported if a unit is apart from its number: `10 ms`."""
+def add_unit_help(cursor: Cursor, i: int) -> None:
+    """Adds a help to the last error if a blank separates a number from its unit, as in `10 ms`."""
     if cursor.kinds[i] == NAME and cursor.texts[i] in UNIT_NS and i and cursor.problems:
         last = cursor.problems[-1]
         here = last.primary is not None and last.primary.span.start == cursor.ends[i - 1]
@@ -178,7 +178,7 @@ def brackets_help(cursor: Cursor, opener: int) -> Help:
 
 
 def fields_helps(cursor: Cursor, opener: int) -> tuple[Help, ...]:
-    """Gives helps for `{ x, v }`: a record names its fields, an array has brackets."""
+    """Gives helps for `{ x, v }`: to name the fields of a record, or brackets for an array."""
     names: list[str] = []
     i = opener + 1
     while cursor.kinds[i] == NAME and cursor.kinds[i + 1] in (",", "}"):
@@ -237,7 +237,7 @@ _OPERAND_WORDS = frozenset([NAME, INT, FLOAT, DURATION, "(", "true", "false", "!
 
 
 def operator_meant(cursor: Cursor, kind: str) -> str | None:
-    """Gives the operator that a token of another language means after an operand; or None."""
+    """Gives the operator that was meant by a token of another language; None if it is not known."""
     if kind == NAME:
         word = cursor.texts[cursor.i]
         if word in _SLIPS and cursor.kinds[cursor.i + 1] in _OPERAND_WORDS:
@@ -247,8 +247,8 @@ def operator_meant(cursor: Cursor, kind: str) -> str | None:
     return None if no_slip else _SLIPS.get(kind)
 
 
-def report_slip(cursor: Cursor, meant: str) -> None:
-    """Reports the token at the cursor, written for the operator `meant`."""
+def report_foreign_operator(cursor: Cursor, meant: str) -> None:
+    """Reports the token at the cursor, which was written in place of the operator `meant`."""
     text = cursor.texts[cursor.i]
     if text == "=":
         cursor.report(
@@ -262,7 +262,7 @@ def report_slip(cursor: Cursor, meant: str) -> None:
 
 
 def refuse_expression(cursor: Cursor, kind: str) -> NoReturn:
-    """Reports, as the token suggests, why no expression begins here; raises Panic."""
+    """Reports why no expression begins at the cursor, in words that suit `kind`; raises Panic."""
     message = f"expected an expression, found {cursor.found()}"
     helps: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

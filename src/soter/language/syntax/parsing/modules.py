@@ -24,12 +24,12 @@ from soter.language.syntax.parsing.items import (
     made,
     maybe,
     name,
-    of_word,
     often,
     once,
     only,
     pair,
     range_of,
+    reader_named_by_word,
     ref,
     semicolon,
     spanned,
@@ -59,7 +59,7 @@ def _parse_view(parser: BodyParser, _word: str, start: int) -> tree.View:
 
 
 def _parse_open(parser: BodyParser) -> tuple[Expr, bool]:
-    """Parses `open` or `open to e`: the end of the axis, and whether it has none."""
+    """Parses `open` or `open to e`; gives the end `e` of the axis, and whether it has no end."""
     if not parser.accept_word("open"):
         return None, False
     if parser.kinds[parser.i] in (",", ";"):
@@ -99,7 +99,7 @@ def _parse_delays(parser: BodyParser, word: str, _start: int) -> tree.Delays:
 
 
 def _parse_acts(parser: BodyParser, _word: str, _start: int) -> tuple[Expr, Expr]:
-    """Parses `acts within 10ms;`, or `acts within 1ms to 10ms;`."""
+    """Parses `acts within 10ms;` or `acts within 1ms to 10ms;`; gives both times."""
     parser.expect_word("within", "after `acts`")
     least, most = None, parser.time("`within`")
     if parser.texts[parser.i] == "to":
@@ -110,7 +110,7 @@ def _parse_acts(parser: BodyParser, _word: str, _start: int) -> tuple[Expr, Expr
 
 
 def _parse_recover(parser: BodyParser, _word: str, start: int) -> tuple[Expr, Span | None]:
-    """Parses `recover within 10s;`, or `recover never;`: then SC may stop for good."""
+    """Parses `recover within 10s;`, or `recover never;`, by which SC may keep control for ever."""
     if parser.texts[parser.i] != "never":
         parser.expect_word("within", "after `recover`")
         return parser.time_value("`within`"), None
@@ -164,8 +164,8 @@ VERIFY_ITEMS: Items = {
     "recover": once(
         {"recover": None, "stays": None}, _parse_recover, "recover within", "recover never"
     ),
-    "dropout": once("dropout", of_word("time_value")),
-    "age": once("age", of_word("time_value")),
+    "dropout": once("dropout", reader_named_by_word("time_value")),
+    "age": once("age", reader_named_by_word("time_value")),
     "induction": once("induction", spanned(semicolon("`induction`"))),
     "lemma": often("lemmas", only(expr("the lemma"), semicolon("the lemma"))),
     "progress": often(
@@ -213,7 +213,7 @@ def _parse_ac(parser: BodyParser, _word: str, _start: int) -> tree.Ref:
 
 
 def _parse_sc(parser: BodyParser, _word: str, _start: int) -> tuple[object, tuple[tree.Ref, ...]]:
-    """Parses an SC, several plans, or `sc synthesized period 10ms;`, which names no node yet."""
+    """Parses `sc` with a node or several plans, or `sc synthesized period 10ms;` without a node."""
     start = parser.starts[parser.i]
     if parser.is_word("synthesized") and parser.kinds[parser.i + 1] != ".":
         parser.i += 1

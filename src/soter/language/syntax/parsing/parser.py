@@ -44,12 +44,12 @@ EDITION = 1
 
 
 def parse(source: Source, diagnostics: Diagnostics) -> tree.File:
-    """Parses one file; errors go to `diagnostics`, and there is always a tree."""
+    """Parses one file; adds errors to `diagnostics`, and always gives a tree."""
     return parse_tokens(source, diagnostics)[0]
 
 
 def parse_tokens(source: Source, diagnostics: Diagnostics) -> tuple[tree.File, Parser]:
-    """Parses one file; also gives the parser, whose tokens and marks the printer needs."""
+    """Parses one file; gives the tree, and the parser with tokens and marks for the printer."""
     parser = Parser(lex(source))
     file = parser.file()
     problems = parser.tokens.problems + parser.problems
@@ -57,11 +57,11 @@ def parse_tokens(source: Source, diagnostics: Diagnostics) -> tuple[tree.File, P
     for problem in problems[:ERRORS_MAX]:
         diagnostics.add(problem)
     if len(problems) >= ERRORS_MAX:
-        diagnostics.add(_too_many_errors(problems[ERRORS_MAX - 1]))
+        diagnostics.add(_too_many_errors_diagnostic(problems[ERRORS_MAX - 1]))
     return file, parser
 
 
-def _too_many_errors(last: Diagnostic) -> Diagnostic:
+def _too_many_errors_diagnostic(last: Diagnostic) -> Diagnostic:
     primary = Label(last.primary.span, "the last error that is shown") if last.primary else None
     message = f"this file has {ERRORS_MAX} syntax errors or more"
     note = "the rest of the file was not read: is it a Soter file?"
@@ -72,7 +72,7 @@ def _too_many_errors(last: Diagnostic) -> Diagnostic:
 
 
 class Parser(BodyParser):
-    """The whole parser: files, declarations and their bodies."""
+    """The parser of complete files with all their declarations."""
 
     __slots__ = ("edition",)
 
@@ -141,12 +141,12 @@ class Parser(BodyParser):
                 f"expected the number of the edition, found {self.found()}",
                 helps=(f"write {first}",),
             )
-            if self.kinds[1] not in (";", EOF) and not self.new_line():
+            if self.kinds[1] not in (";", EOF) and not self.is_on_new_line():
                 self.i = 2
         self.expect_semicolon("the edition")
 
     def _parse_top_level(self) -> tree.Decl | None:
-        """Parses one declaration, or steps over a token that begins none."""
+        """Parses one declaration, or skips a token that cannot begin a declaration."""
         self.items, self.blocks = frozenset(), 0
         i = self.i
         kind = self.kinds[i]
@@ -257,7 +257,7 @@ class Parser(BodyParser):
                 "the name it gets here is missing",
                 helps=(f"write `import {self.texts[at]} as{guess};`",),
             )
-            if self.kinds[self.i] == NAME and not self.new_line():
+            if self.kinds[self.i] == NAME and not self.is_on_new_line():
                 if self.kinds[self.i + 1] == NAME:  # another word than `as`
                     self.i += 1
                 name = self.declare("a name")
@@ -306,7 +306,7 @@ class Parser(BodyParser):
         return tree.EnumTypeExpr(self.span_from(start), tuple(members))
 
     def skip_misplaced_declaration(self) -> None:
-        """Reports a declaration inside another one, parses it, and leaves it out."""
+        """Reports a declaration inside another declaration, parses it, and leaves it out."""
         word = self.texts[self.i]
         computes = self.blocks > 0 or not {"step", "der"}.isdisjoint(self.items)
         local = word in ("const", "param") and computes

@@ -94,7 +94,7 @@ class StatementParser(ExpressionParser):
         return tree.Block(tuple(statements), self.span_from(start))
 
     def _parse_or_recover(self, statements: list[tree.SyntaxStmt], kind: str) -> None:
-        """Parses one statement into the list, or skips tokens that begin none."""
+        """Parses one statement and adds it to the list, or skips tokens that begin no statement."""
         before = self.i
         blocks = self.blocks
         try:
@@ -114,12 +114,12 @@ class StatementParser(ExpressionParser):
             self.skip_statement()
 
     def skip_misplaced_declaration(self) -> None:
-        """Reports a declaration inside another one, and steps over it."""
+        """Reports a declaration inside another declaration, and steps over it."""
         raise NotImplementedError
 
     def _report_missing_brace(self, where: str) -> None:
         message = f"expected `{{` {where}, found {self.found()}"
-        if not self._at_statement():
+        if not self._is_at_statement():
             raise self.failure("S005", message)
         self.report("S005", message, helps=("braces are never left out",), once=False)
 
@@ -133,20 +133,20 @@ class StatementParser(ExpressionParser):
         self.blocks -= 1
         return tree.Block(tuple(statements), self.span_from(start))
 
-    def _at_statement(self) -> bool:
+    def _is_at_statement(self) -> bool:
         kind = self.kinds[self.i]
         if kind == NAME:
             return self.kinds[self.i + 1] in PLACE_FOLLOWS
         return kind in STATEMENT_WORDS
 
     def head(self, subject: str) -> tree.SyntaxExpr:
-        """Parses the expression between a statement word and its block; Panic without a block."""
+        """Parses the expression before a statement's block; raises Panic if no block follows."""
         start = self.i
         if self.kinds[start] == "{" and self.kinds[start + 2] != ":":
             self.report("S007", f"expected {subject}, found `{{`", once=False)
             return tree.ErrorExpr(self.after_previous())
         result = self.expr(subject, stop_at_brace=True)
-        if self.kinds[self.i] in ("{", "..") or self._at_statement():
+        if self.kinds[self.i] in ("{", "..") or self._is_at_statement():
             return result
         message = f"expected `{{` after {subject}, found {self.found()}"
         indented = self.kinds[self.i] == ":" and self.kinds[self.i + 1] != "{"
@@ -176,13 +176,13 @@ class StatementParser(ExpressionParser):
         name = self.name("a name after `var`")
         type_ = type_expression(self, "a type after `:`") if self.accept(":") else None
         if type_ is not None and self.kinds[self.i] not in ("=", ":=", "=="):
-            self.skip_missing_initial("the type of the variable")
+            self.require_no_initial("the type of the variable")
             return tree.VarStmt(self.span_from(start), name, type_, None)
         value = self.assigned_value(f"`{printable(name.text)}`", "the value")
         return tree.VarStmt(self.span_from(start), name, type_, value)
 
-    def skip_missing_initial(self, after: str) -> None:
-        """Steps over the `;` after a type; reports a value without `=`."""
+    def require_no_initial(self, after: str) -> None:
+        """Steps over the `;` after a type; reports a value that was written without `=`."""
         if self.kinds[self.i] in _VALUES:
             message = f"expected `=` or `;` after {after}, found {self.found()}"
             self.report("S005", message, self.after_previous(), "`=` is missing here")
@@ -236,7 +236,7 @@ class StatementParser(ExpressionParser):
         return tree.AssignStmt(self.span_from(start), place, value)
 
     def _parse_misspelt(self) -> tree.SyntaxStmt | None:
-        """Parses a statement with a misspelt word, or one of another language; else None."""
+        """Parses a statement whose first word is misspelt; None if no statement was meant."""
         i = self.i
         word, following = self.texts[i], self.kinds[i + 1]
         if following in PLACE_FOLLOWS:
@@ -289,7 +289,7 @@ class StatementParser(ExpressionParser):
                 field = self.name("the name of a field after `.`")
                 place = tree.FieldExpr(self.span_from(start), place, field)
             elif self.kinds[self.i] == "[":
-                place = self._index(place, start)
+                place = self._parse_index(place, start)
             else:
                 return place
 
@@ -338,7 +338,7 @@ class StatementParser(ExpressionParser):
         return condition, self.block("after the condition", single=True)
 
     def _accept_else_if(self) -> bool:
-        """Whether `else if`, `elif` or the like stands here for `elseif`; then reports it."""
+        """Whether `else if`, `elif` or the like is written for `elseif`; if so, reports it."""
         i = self.i
         if self.kinds[i] == "else" and self.kinds[i + 1] == "if":
             span = self.token_span(i).to(self.token_span(i + 1))
@@ -361,7 +361,7 @@ class StatementParser(ExpressionParser):
         return tree.ForRangeStmt(self.span_from(start), name, low, high, body)
 
     def loop_head(self) -> tuple[tree.Name, tree.SyntaxExpr]:
-        """Parses `for name in low`, behind `for`."""
+        """Parses `name in low` after the word `for`."""
         if self.kinds[self.i] == "(":
             refuse_c_loop(self)
         name = self.name("the name of the loop variable after `for`")
@@ -410,7 +410,7 @@ class StatementParser(ExpressionParser):
         raise self.failure("S011", message, notes=(note,) if of_a_body else ())
 
     def skip_stray_semicolons(self) -> None:
-        """Reports a `;` that ends nothing, and steps over all that follow."""
+        """Reports a `;` that ends nothing, and skips it with all `;` that follow."""
         behind_block = self.i and self.kinds[self.i - 1] == "}"
         message = "no `;` after a block" if behind_block else "this `;` ends nothing"
         self.report("S014", message, helps=("leave it out",))

@@ -27,11 +27,11 @@ from soter.language.syntax.parsing.items import (
     interval,
     made,
     name,
-    of_word,
     often,
     once,
     only,
     pair,
+    reader_named_by_word,
     ref,
     semicolon,
     spanned,
@@ -113,7 +113,7 @@ def parse_system(parser: BodyParser) -> tree.Decl:
 
 
 def _parse_instance(parser: BodyParser, parts: Parts) -> bool:
-    """Parses `name: What;`, and gives whether that stands here."""
+    """Parses `name: What;` if it is at the cursor; gives whether it was."""
     i = parser.i
     _refuse_leads_to(parser, i)
     element = parser.kinds[i : i + 2] == [NAME, "["] and (
@@ -154,7 +154,7 @@ def _refuse_leads_to(parser: BodyParser, i: int) -> None:
 
 
 def _lacks_colon(parser: BodyParser, i: int) -> bool:
-    """Whether `c Cart;` stands here, and `c` is no item word and not nearly one."""
+    """Whether `c Cart;` is at token `i`, where `c` does not resemble the word of an item."""
     if parser.kinds[i] != NAME or parser.kinds[i + 1] != NAME:
         return False
     if parser.kinds[i + 2] not in (";", "{", "."):
@@ -175,7 +175,7 @@ def _parse_instance_item(parser: BodyParser, kind: str, start: int) -> tree.Inst
 def _parse_braces(
     parser: BodyParser, made_of: tree.Ref
 ) -> tuple[tuple[tuple[tree.Ref, tree.DottedPath], ...], tuple[tree.SetParam, ...]]:
-    """Parses `{ topic = other, set K = 3 }` behind an instance's declaration: wires, settings."""
+    """Parses `{ topic = other, set K = 3 }` after an instance; gives the wires and the settings."""
     if parser.kinds[parser.i] != "{":
         return (), ()
     opener = parser.take()
@@ -200,7 +200,7 @@ def _parse_wire_or_setting(
     pairs: list[tuple[tree.Ref, tree.DottedPath]],
     sets: list[tree.SetParam],
 ) -> str:
-    """Parses one wire or setting; gives its name for the message about a comma."""
+    """Parses one wire or setting; gives the words for it in the message about a missing comma."""
     if parser.is_word("set") and parser.kinds[parser.i + 1] == NAME:
         start = parser.starts[parser.take()]
         sets.append(instance_arrays.parse_setting(parser, "set", start, inside=True))
@@ -215,7 +215,7 @@ def _parse_wire_or_setting(
 
 
 def _parse_reversed_wire(parser: BodyParser) -> tuple[tree.Ref, tree.DottedPath] | None:
-    """Parses `r[0].pose = ahead` and reports S005: the inner topic comes first. None without it."""
+    """Parses a reversed wire, `r[0].pose = ahead`, and reports S005; None if it is not here."""
     i = parser.i
     behind = instance_arrays.index_after_brackets(parser, i + 1)
     while parser.kinds[behind] == "." and parser.kinds[behind + 1] == NAME:
@@ -245,7 +245,7 @@ def _parse_always(parser: BodyParser, kind: str, start: int) -> tree.PropertyIte
 
 
 def _skip_property_name(parser: BodyParser) -> None:
-    """Reports S015 for `always calm: e;`, and goes on with the property."""
+    """Reports S015 for the name in `always calm: e;`, and skips the name."""
     i = parser.i
     if parser.kinds[i] != NAME or parser.kinds[i + 1] != ":":
         return
@@ -376,7 +376,7 @@ def _parse_eventually(parser: BodyParser, _word: str, start: int) -> tree.Proper
 
 
 def _parse_leads_to(parser: BodyParser, parts: Parts) -> bool:
-    """Parses `premise leadsto condition within d;`, and gives whether that stands here."""
+    """Parses `premise leadsto condition within d;` if it is at the cursor; gives whether it was."""
     i = parser.i
     kinds, texts = parser.kinds, parser.texts
     if texts[i] in TEST_ITEMS and kinds[i + 1] not in (".", "<", "<=", "==", "&&", "||"):
@@ -433,7 +433,7 @@ _IN_BOTH: Items = {
 SYSTEM_ITEMS: Items = {
     "module": often("instances", _parse_instance_item),
     "node": often("instances", _parse_instance_item),
-    "until": once("until", of_word("time_value")),
+    "until": once("until", reader_named_by_word("time_value")),
     "always": _IN_BOTH["always"],
     "never": _IN_BOTH["never"],
     "force": often("forces", _parse_force),
@@ -443,12 +443,12 @@ SYSTEM_ITEMS: Items = {
 TEST_ITEMS: Items = {
     "system": once("system", only(ref("the name of a system"), semicolon("the system"))),
     "replace": _IN_BOTH["replace"],
-    "skew": once("skew", of_word("time_value")),
-    "horizon": once("horizon", of_word("time_value")),
+    "skew": once("skew", reader_named_by_word("time_value")),
+    "horizon": once("horizon", reader_named_by_word("time_value")),
     "always": _IN_BOTH["always"],
     "never": _IN_BOTH["never"],
     "eventually": often("properties", _parse_eventually),
-    "quantum": once("quantum", of_word("time_value")),
+    "quantum": once("quantum", reader_named_by_word("time_value")),
     "order": once(
         "order",
         spanned(word("deployed", "after `order`"), semicolon("the order")),

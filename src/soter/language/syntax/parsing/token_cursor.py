@@ -25,7 +25,7 @@ from soter.language.syntax.lexer import (
     lex,
     printable,
 )  # fmt: skip
-from soter.language.syntax.their_words import helps_for_word, table_word_at
+from soter.language.syntax.their_words import foreign_word_at, helps_for_word
 from soter.language.syntax.tree import DottedPath, Name, Ref
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ _TWO_ITEMS = "what follows the `,` is an item or a statement of its own, with a 
 
 
 class Panic(Exception):  # noqa: N818 - control flow inside the parser, never seen outside
-    """Says that a construct cannot be finished; whoever catches this looks for a place to go on."""
+    """Raised when a construct cannot be parsed to its end; the catcher finds a place to go on."""
 
 
 class TooManyErrorsError(Exception):
@@ -82,7 +82,7 @@ class TooManyErrorsError(Exception):
 
 
 class Cursor:
-    """Tokens of one file and where the parser stands in them."""
+    """The tokens of one file and the parser's position among them."""
 
     __slots__ = (
         "before_equal",
@@ -156,7 +156,7 @@ class Cursor:
     # ------------------------------------------------------------ reporting
 
     def found(self, index: int | None = None) -> str:
-        """Gives the token at `index` (or the cursor) as messages call it."""
+        """Gives the words for the token at `index` (default: the cursor) in messages."""
         at = self.i if index is None else index
         kind = self.kinds[at]
         if kind == EOF:
@@ -181,8 +181,8 @@ class Cursor:
     ) -> None:
         """Reports an error at the cursor (or at `span`), and skips `skip` tokens.
 
-        Only the first error at a token is reported, unless the one before had `once=False`.
-        TooManyErrorsError beyond `ERRORS_MAX`.
+        Only the first error at a token is reported, unless the error before had `once=False`.
+        Raises TooManyErrorsError beyond `ERRORS_MAX` errors.
         """
         i = self.i
         silent = (
@@ -207,9 +207,9 @@ class Cursor:
             self.quiet = -1
 
     def _help_for_foreign_word(self) -> tuple[Span, Help] | None:
-        """Gives a word of another language before or at the cursor, and its help; or None."""
+        """Gives the span of a foreign word at or before the cursor, and its help; else None."""
         for i in (self.i - 1, self.i):
-            word = table_word_at(self.source.text, self.starts[i]) if i >= 0 else ""
+            word = foreign_word_at(self.source.text, self.starts[i]) if i >= 0 else ""
             span = Span(self.source, self.starts[i], self.starts[i] + len(word))
             for help_ in helps_for_word(word, span):
                 if isinstance(help_, str):
@@ -220,9 +220,9 @@ class Cursor:
         return None
 
     def _fix_that_parses(self, fix: Fix, i: int) -> Fix | None:
-        """Gives an edit of token `i` if the item has no syntax error with it; else None.
+        """Gives `fix`, an edit of token `i`, if the item then has no syntax error; else None.
 
-        None, too, if trials have already cost TRIED_MAX characters in this file.
+        Also None if trials of edits have already cost TRIED_MAX characters in this file.
         """
         (written,) = apply_fix(fix).values()
         self.tried += len(written)
@@ -268,14 +268,14 @@ class Cursor:
         return self.texts[self.i] == word and self.kinds[self.i] == NAME
 
     def item_end(self) -> int:
-        """Gives the index of the token that ends the item at the cursor, or of its block's `{`."""
+        """Gives the index of the first token that ends the item at the cursor: `;`, `{` or `}`."""
         i = self.i
         while self.kinds[i] not in (";", "{", "}", EOF):
             i += 1
         return i
 
-    def new_line(self) -> bool:
-        """Whether the token at the cursor stands on another line than the one before it."""
+    def is_on_new_line(self) -> bool:
+        """Whether the token at the cursor stands on another line than the token before it."""
         return not self.i or ("\n" in self.source.text[self.ends[self.i - 1] : self.starts[self.i]])
 
     def is_at_declaration(self) -> bool:
@@ -303,7 +303,7 @@ class Cursor:
         return third != ";"
 
     def _is_instance(self, i: int) -> bool:
-        """Whether `node X { a = b }` of a system stands at `i`, not a node without a period."""
+        """Whether an instance `node X { a = b }` is at `i`, rather than a node without a period."""
         if self.kinds[i + 3 : i + 5] == [NAME, NAME]:
             return self.texts[i + 3] == "set"
         wired = self.kinds[i + 3] == NAME and self.kinds[i + 4] in ("=", ":=")
@@ -322,31 +322,31 @@ class Cursor:
             self.i += 1
 
     def take(self) -> int:
-        """Steps over the token at the cursor, which is not the end; gives its index."""
+        """Steps over the token at the cursor and gives its index; never call this at the end."""
         self.i += 1
         return self.i - 1
 
     def accept(self, kind: str) -> bool:
-        """Whether a token of this kind is here; then steps over it."""
+        """Whether a token of this kind is at the cursor; if so, steps over it."""
         here = self.kinds[self.i] == kind
         self.i += here
         return here
 
     def accept_word(self, word: str) -> bool:
-        """Whether this contextual word is here; then steps over it."""
+        """Whether this contextual word is at the cursor; if so, steps over it."""
         here = self.is_word(word)
         self.i += here
         return here
 
     def expect(self, kind: str, where: str, *, opener: int | None = None) -> None:
-        """Steps over a token of this kind; else "expected `kind` `where`, found ...", Panic."""
+        """Steps over a token of this kind; if it is missing, reports that and raises Panic."""
         if self.accept(kind):
             return
         also = ((self.token_span(opener), "opened here"),) if opener is not None else ()
         raise self.failure("S005", f"expected `{kind}` {where}, found {self.found()}", also=also)
 
     def expect_word(self, word: str, where: str) -> None:
-        """Steps over this word, contextual or reserved; reports a near miss; else Panic."""
+        """Steps over this word, or a misspelt form, which it reports; otherwise raises Panic."""
         if self.texts[self.i] == word:
             self.i += 1
             return
@@ -357,7 +357,7 @@ class Cursor:
         raise self.failure("S005", message)
 
     def assign(self, where: str) -> None:
-        """Steps over `=`; reports `:=` and `==` and goes on; Panic for anything else."""
+        """Steps over `=`; reports and accepts `:=`, `==` or `<-`; raises Panic for other tokens."""
         kind = self.kinds[self.i]
         if self.accept("="):
             return
@@ -383,10 +383,10 @@ class Cursor:
     def report_missing_semicolon(self, after: str, helps: tuple[Help, ...] = ()) -> None:
         """Reports that `;` is missing after the previous token."""
         message = f"expected `;` after {after}, found {self.found()}"
-        if not helps and self.new_line() and self.may_go_on():
+        if not helps and self.is_on_new_line() and self.may_go_on():
             helps = (append(self.after_previous(), ";", "put `;` here"),)
         notes: tuple[str, ...] = ()
-        if self.new_line() or self.kinds[self.i] in ("}", EOF) or self.may_go_on():
+        if self.is_on_new_line() or self.kinds[self.i] in ("}", EOF) or self.may_go_on():
             label = "`;` is missing here"
         else:
             label = f"{after} ends here"
@@ -401,12 +401,12 @@ class Cursor:
             or kind in STATEMENT_WORDS
             or kind in ITEM_WORDS
             or self.texts[self.i] in self.items
-            or ((kind in RESERVED or kind == NAME) and self.new_line())
+            or ((kind in RESERVED or kind == NAME) and self.is_on_new_line())
             or self.is_at_declaration()
         )
 
     def name(self, subject: str) -> Name:
-        """Reads a name, or a reserved word used as one (reported once per word); else Panic."""
+        """Parses a name; accepts a reserved word, reported once per word; else raises Panic."""
         i = self.i
         kind = self.kinds[i]
         if kind in (NAME, ERROR):  # an ERROR such as `3x` was reported
@@ -419,7 +419,7 @@ class Cursor:
         raise self.failure("S006", f"expected {subject}, found {self.found()}")
 
     def _name_after_kind(self, subject: str) -> Name:
-        """Reads the name in `ac node Fast`; reports the kind, and skips a body after it."""
+        """Parses the name in `ac node Fast`; reports the word `node`, and skips a body after it."""
         i = self.i
         name = self.texts[i + 1]
         in_place = self.kinds[i + 2] in ("period", "phase", "{")
@@ -441,12 +441,12 @@ class Cursor:
         return Name(name, self.token_span(i + 1))
 
     def _name_beside(self, i: int) -> bool:
-        """Whether a name stands behind the token at `i`, on its line."""
+        """Whether a name follows the token at `i` on the same line."""
         between = self.source.text[self.ends[i] : self.starts[i + 1]]
         return self.kinds[i + 1] == NAME and "\n" not in between
 
     def name_from_reserved_word(self, subject: str) -> Name:
-        """Reads the reserved word at the cursor as a name; reports it the first time."""
+        """Takes the reserved word at the cursor as a name, and reports it the first time."""
         i = self.i
         word = self.texts[i]
         if word not in self.misused:
@@ -464,7 +464,7 @@ class Cursor:
         """Whether the reserved word at `i` probably begins the next construct, and is no name."""
         following = self.kinds[i + 1]
         return (self.texts[i] in STATEMENT_WORDS and following in _LITERALS) or (
-            following in (EOF, "{") and self.new_line()
+            following in (EOF, "{") and self.is_on_new_line()
         )
 
     def ref(self, subject: str) -> Ref:
@@ -486,8 +486,8 @@ class Cursor:
     def accept_comma(self, close: str, after: str, opener: int) -> bool:
         """Whether another element of a bracketed list follows.
 
-        Steps over `,` or over `close`. A missing comma before what looks like an element is
-        reported. Panic if the token can mean neither.
+        Steps over `,` or over `close`. Reports a missing comma if the next token looks like an
+        element; raises Panic for other tokens.
         """
         if self.accept(close):
             return False
@@ -508,7 +508,7 @@ class Cursor:
     # ------------------------------------------------------------ firm ground
 
     def skip_expression(self, start: int, *, stop_at_brace: bool = False) -> None:
-        """Steps from inside an expression that began at token `start` to the expression's end."""
+        """Skips the rest of an expression that began at token `start`, to the expression's end."""
         kinds = self.kinds
         braces = kinds[start : self.i].count("{") - kinds[start : self.i].count("}")
         while True:
@@ -548,10 +548,10 @@ class Cursor:
         self.quiet = self.i
 
     def _begins_item(self, kind: str) -> bool:
-        """Whether a statement or an item begins at the cursor, seen from inside another one."""
+        """Whether a statement or an item seems to begin at the cursor inside an unfinished one."""
         if kind in STATEMENT_WORDS or kind in ITEM_WORDS:
             return True
-        return self.texts[self.i] in self.items and kind != STRING and self.new_line()
+        return self.texts[self.i] in self.items and kind != STRING and self.is_on_new_line()
 
     def skip_braces(self) -> None:
         """Steps past a balanced `{ ... }`, or up to a declaration that shows it is not closed."""
@@ -578,7 +578,7 @@ class Cursor:
         self.quiet = self.i
 
     def is_nested_declaration(self) -> bool:
-        """Whether the declaration at the cursor is indented as if it belonged to this one."""
+        """Whether the indentation of the declaration here shows that it is inside another one."""
         return not self.inner and self.line_indent(self.i) > self.indent
 
     def are_braces_closed(self, levels: int) -> bool:

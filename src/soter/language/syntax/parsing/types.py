@@ -22,7 +22,7 @@ _BUILTIN = frozenset(["bool", "float", "duration", "int"])
 
 
 def type_expression(parser: ExpressionParser, subject: str) -> tree.TypeExpr:
-    """Gives a type expression; a broken one becomes an ErrorTypeExpr."""
+    """Parses a type expression; gives an ErrorTypeExpr if it is broken."""
     start, depth = parser.i, parser.depth
     try:
         return _parse_type(parser, subject)
@@ -117,7 +117,7 @@ def _parse_base_type(parser: ExpressionParser, subject: str) -> tree.TypeExpr:
 
 
 def _refuse_foreign_type(parser: ExpressionParser, ref: tree.Ref, i: int) -> None:
-    """Reports `List<float>` and the like; `double` is left to the checker."""
+    """Reports a foreign type such as `List<float>`; leaves `double` to the checker."""
     if parser.kinds[parser.i] != "<":
         return
     parser.i = i
@@ -145,7 +145,7 @@ def _parse_record_type(parser: ExpressionParser) -> tree.TypeExpr:
 
 
 def parse_value_set(parser: ExpressionParser) -> tree.IntervalExpr | tree.RecordSet:
-    """Gives an interval, or one set per field of a record; Panic where neither can be read."""
+    """Parses an interval, or a set for each field of a record; raises Panic if it finds neither."""
     opener = parser.i
     if parser.kinds[opener] != "{":
         return parser.interval("a set of values")
