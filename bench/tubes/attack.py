@@ -24,8 +24,13 @@ from bench.tubes.tube_module import Loop, Told, module_of  # noqa: E402
 
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402
 
-BY_TUBE, BY_POINT, ALWAYS_AC = range(3)
+BY_TUBE, BY_POINT, ALWAYS_AC, BY_SAMPLES = range(4)
 SEED = 56
+DECIDES = {
+    "the tube": BY_TUBE,
+    "the point": BY_POINT,
+    "12 sampled runs from the state itself": BY_SAMPLES,
+}
 FEWER = {
     "docking": 20,
     "docking_3d": 20,
@@ -70,6 +75,17 @@ def row(path: Path, runs: int, holds: int, dives: int) -> tuple[str, bool]:
     return f"| {path.stem} | {' | '.join(cells)} |", right
 
 
+def shares(path: Path, runs: int) -> str:
+    """How much of the time AC has control, by who decides, in so many of the same flights."""
+    loop = Loop(module_of(path.name, path.read_text(encoding="utf-8")))
+    told = {who: loop.run("fly", SEED, runs, how) for who, how in DECIDES.items()}
+    every = (
+        f"{t.in_ac / max(1, t.in_all):.1%} by {who} ({t.violated} of {t.runs} violated)"
+        for who, t in told.items()
+    )
+    return f"{path.stem}: AC has control for {', '.join(every)}"
+
+
 def _holds(t: Told) -> str:
     return f"{t.outside + t.violated:,} of {t.holds:,}"
 
@@ -112,8 +128,14 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--dives", type=int, default=30)
     parser.add_argument("--programs", type=int, default=30)
     parser.add_argument("--only", default="", help="examples whose names have this")
+    parser.add_argument("--shares", type=int, default=0, help="AC's share alone, of N flights")
     options = parser.parse_args(argv)
     right = True
+    for path in programs() if options.shares else ():
+        if options.only in path.stem:
+            print(shares(path, options.shares), flush=True)
+    if options.shares:
+        return 0
     print(f"{HEAD}\n|{'---|' * (HEAD.count('|') - 1)}")
     for path in programs():
         if options.only in path.stem:

@@ -17,7 +17,7 @@
 #include "shim.h"
 
 enum { ROOM = 16 };
-enum { BY_TUBE, BY_POINT, ALWAYS_AC }; /* who decides */
+enum { BY_TUBE, BY_POINT, ALWAYS_AC, BY_SAMPLES }; /* who decides */
 typedef struct {
   int64_t tick, delta_dm, phase_dm, late_dm, response_dm, age_dm;
   int64_t delta_sc, phase_sc, late_sc, response_sc, age_sc, least, most;
@@ -36,6 +36,8 @@ typedef struct {
 #include "tube_adversary.h"
 
 /* ---------------------------------------------------------------- closed loops */
+
+enum { FEW = 12, SAMPLED = 100 }; /* fall-back runs that are asked */
 
 typedef struct {
   bool waits, runs;
@@ -110,6 +112,8 @@ static void propose(const config *c, policy *p, loop *l, int64_t t) {
   l->fault = l->fault || draw(p) % 2;
 }
 
+static bool somebody(const config *c, policy *p, const double *x, const double *of_ac, int count);
+
 static void look(const config *c, policy *p, loop *l, int64_t t, int how, told *o) {
   double y[N];
   seen(c, p, l, t, l->dm.release - c->age_dm, y);
@@ -117,6 +121,9 @@ static void look(const config *c, policy *p, loop *l, int64_t t, int how, told *
     l->verdict = true;
   } else if (how == BY_POINT) {
     l->verdict = point(c, y, l->u);
+  } else if (how == BY_SAMPLES) { /* of the state itself: no estimate is as good */
+    policy q = {.state = draw(p), .aim = p->aim};
+    l->verdict = !somebody(c, &q, at_past(l->last_read / c->tick), l->u, FEW);
   } else {
     l->verdict = decided(c, l, y, t);
     for (int n = 0; n < 4 && !l->verdict && p->error == GREEDY; n++) { /* it wants AC to stay */
@@ -207,7 +214,7 @@ static void actuate(const config *c, policy *p, loop *l, int64_t t) {
 }
 
 static void fly(const config *c, uint64_t seed, int64_t time, int how, told *o) {
-  policy p = policy_of(c, seed, how == BY_POINT || how == BY_TUBE);
+  policy p = policy_of(c, seed, how != ALWAYS_AC);
   loop l = {.last_read = 0, .g = closed()};
   memcpy(l.u, l.g.held, sizeof l.u);
   if (!a_start(c, &p, l.x)) {
@@ -300,7 +307,7 @@ void attack_contain(const config *c, uint64_t seed, int64_t count, int64_t how, 
 
 /* ---------------------------------------------------------------- too early */
 
-enum { SAMPLED = 100, LOOKS = 200 };
+enum { LOOKS = 200 };
 
 /* Looks at which AC flies towards the danger, what tube and point say there, and what it commands. */
 static int64_t dive(const config *c, policy *p, double (*x)[N], double (*of_ac)[M], bool *tube, bool *spot) {
@@ -337,8 +344,8 @@ static int64_t dive(const config *c, policy *p, double (*x)[N], double (*of_ac)[
   return 0;
 }
 
-static bool somebody(const config *c, policy *p, const double *x, const double *of_ac) {
-  for (int k = 0; k < SAMPLED; k++) {
+static bool somebody(const config *c, policy *p, const double *x, const double *of_ac, int count) {
+  for (int k = 0; k < count; k++) {
     policy q = policy_of(c, draw(p), false);
     q.aim = p->aim;
     if (k % 2) {
@@ -377,7 +384,7 @@ void attack_late(const config *c, uint64_t seed, int64_t count, int64_t how, tol
       continue;
     }
     last = no > 0 ? no - 1 : 0;
-    while (last < looks && !somebody(c, &p, x[last], of_ac[last])) {
+    while (last < looks && !somebody(c, &p, x[last], of_ac[last], SAMPLED)) {
       last++;
     }
     o->dives++;

@@ -76,8 +76,9 @@ if TYPE_CHECKING:
     """State -> its range."""
 
 
-HALVINGS, SPLITS, PIECES = 24, 8, (1, 2, 4)
-"""How often a slab outside of B, and B itself, is halved; steps of a hold after 0, 1, 2 cuts."""
+HALVINGS, SPLITS, PIECES = 24, 8, ((1, 16), (2,), (4,))
+"""How often a slab outside of B, and B itself, is halved; the numbers of steps of a hold that are
+tried after 0, 1 and more cuts."""
 TRIED = 500
 """How many states are tried until `rest` holds in one."""
 PARTS = 16
@@ -225,7 +226,8 @@ def _independent_state_groups(model: RestModel, members: Sequence[int]) -> list[
 
 def _box_returns(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, cut: int) -> bool:
     """Whether runs from `start` stay in `way` until an output acts in `end`; may cut `start`."""
-    if _leads_back(chain, start, way, end, holds, PIECES[min(cut, len(PIECES) - 1)]):
+    every = PIECES[min(cut, len(PIECES) - 1)]
+    if any(_leads_back(chain, start, way, end, holds, pieces) for pieces in every):
         return True
     if cut == SPLITS:
         return False

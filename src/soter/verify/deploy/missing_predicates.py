@@ -44,10 +44,12 @@ from soter.verify.problem.extract import extract, parameter_cases
 from soter.verify.problem.inputs import topics_seen_by_dm
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.kinks import kinks_of
+from soter.verify.tubes.noise_estimate import moves_quickly
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims, rest_entry, show_rest_claims, too_long_error
-from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck
+from soter.verify.tubes.tube_check import TubeCheck
 from soter.verify.tubes.tube_levels import TubeLevels
+from soter.verify.tubes.tube_precision import FINE, MOST, PLAIN, PRECISIONS
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -192,11 +194,13 @@ def _decision_cost(check: TubeCheck) -> Cost:
         cost = check.decision_cost()
     except TooLongError:
         raise too_long_error(check) from None
-    check.cut = MOST if check.answers_vary else PLAIN
-    with contextlib.suppress(TooLongError):  # what fits stays
-        cost = check.decision_cost()
-        check.kink = next(kinks_of(check.law), None)
-        cost = check.decision_cost()
+    fine = range(FINE, len(PRECISIONS)) if moves_quickly(check) else ()
+    for precision in (MOST, *fine) if check.answers_vary else (PLAIN,):
+        check.precision = precision
+        with contextlib.suppress(TooLongError):  # what fits stays
+            cost = check.decision_cost()
+            check.kink = next(kinks_of(check.law), None)
+            cost = check.decision_cost()
     return cost
 
 
@@ -214,7 +218,7 @@ def rest_claims(check: TubeCheck) -> RestClaims:
             claims.write(entry / REST)
         return claims
     claims = RestClaims.read(folder / REST)
-    check.cut, check.kink = claims.cut, claims.kink
+    check.precision, check.kink = claims.precision, claims.kink
     return claims
 
 

@@ -2,7 +2,8 @@
 
 - `problem.py` is the problem of such a module; `verify.py` gives the verdicts on it.
 - `tube_check.py` writes the check of the DM as Soter source, `tube_levels.py` the predicates that
-  call it; the parts that all modules share are the `*.soter` files.
+  call it; the parts that all modules share are the `*.soter` files. `tube_precision.py` says how
+  precisely SC is followed.
 - `expression_graph.py` has real expressions; `module_expressions.py` reads those of a module,
   `sc_step.py` those of SC; `moved_rates.py` takes rates apart, by command and disturbance.
 - `generated_functions.py` writes functions that enclose expressions; `enclosures.py` calls them.

@@ -23,10 +23,10 @@ from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import middle
 from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.kinks import kinks_of
-from soter.verify.tubes.noise_estimate import boxes_back_soon
+from soter.verify.tubes.noise_estimate import boxes_back_soon, moves_quickly
 from soter.verify.tubes.problem import cut_to_farthest
 from soter.verify.tubes.simulated_runs import runs_from
-from soter.verify.tubes.tube_check import CUTS, MOST, PLAIN
+from soter.verify.tubes.tube_precision import FINE, MOST, PLAIN, PRECISIONS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -116,7 +116,7 @@ class _LeadBackSearch:
                 if not depth:
                     announce(lambda: f"{self._name}: SC is not shown to lead back into {into} from "
                              "all of it at once; asked of parts")  # fmt: skip
-                    self._choose_cut_for_parts()
+                    self._choose_precision_for_parts()
                     parts_max = max(2 * SPLITS, OPERATIONS_MAX // self._caller.operations("keeps"))
                     todo.append((self._smallest_last_part(), SPLITS, 0.0))  # counted with its whole
             phase(f"{self._name}: shown that SC leads back from {shown:.1%} of rest")
@@ -127,7 +127,7 @@ class _LeadBackSearch:
         self, part: Box, into: str, shown: float, tried: int, runs: RestRuns | None
     ) -> LeadBackResult:
         if self._rests is not None:
-            self._check.cut, way = self._rests
+            self._check.precision, way = self._rests
             return LeadBackResult({s: _hull(self._box[s], way[s]) for s in self._asked})
         why = self._unshown_part_in_words(part, into, shown, tried)
         return self._result_with_other_box(why, {} if runs is None else runs.reached)
@@ -170,38 +170,41 @@ class _LeadBackSearch:
             part = self._halves(part)[-1]
         return part
 
-    def _choose_cut_for_parts(self) -> None:
+    def _choose_precision_for_parts(self) -> None:
         """Chooses `MOST` columns if they show the smallest part and the few of `PLAIN` do not."""
         part, fits = self._smallest_last_part(), False
         if self._check.answers_vary and self._way(part, self._box) is None:
             with suppress(TooLongError, SoterError):
-                fits = self._way_with_cut(MOST, part) is not None
+                fits = self._way_with_precision(MOST, part) is not None
             if not fits:
-                self._way_with_cut(PLAIN, part)
+                self._way_with_precision(PLAIN, part)
 
     def whole_way(self) -> Box | None:
-        """The way from the whole box by the first of `CUTS` that shows both rest and the start.
+        """The way from the whole box by the first precision that shows both rest and the start.
 
-        If no cut does, it is by the first that shows rest and, if runs are collected, the start.
-        `_rests` keeps the first cut that shows only rest, with its way: it is the result if parts
-        fail, too, as a start may lie outside the area that a map calls free.
+        If none does, it is by the first that shows rest and, if runs are collected, the start.
+        `_rests` keeps the first that shows only rest, with its way: it is the result if parts
+        fail, too, as a start may lie outside the area that a map calls free. Several steps a
+        command are tried only if one shows no rest, and where states are quick.
         """
-        for cut in range(len(CUTS)) if self._check.answers_vary else ():
+        for precision in range(len(PRECISIONS)) if self._check.answers_vary else ():
+            if precision == FINE and (self._rests or not moves_quickly(self._check)):
+                break
             with suppress(TooLongError, SoterError):  # it does not fit into a step, or into forms
-                way = self._way_with_cut(cut, self._box)
+                way = self._way_with_precision(precision, self._box)
                 if way is not None and _is_start_shown(self._check, way):
                     return way
-                self._rests = self._rests or (None if way is None else (cut, way))
+                self._rests = self._rests or (None if way is None else (precision, way))
         if self._rests is not None:
-            self._check.cut, way = self._rests
+            self._check.precision, way = self._rests
             if is_start_collected(self._check, way):
                 return way
-        return self._way_with_cut(PLAIN, self._box)
+        return self._way_with_precision(PLAIN, self._box)
 
-    def _way_with_cut(self, cut: int, part: Box) -> Box | None:
+    def _way_with_precision(self, precision: int, part: Box) -> Box | None:
         check = self._check
-        check.cut = cut
-        if cut != PLAIN:
+        check.precision = precision
+        if precision != PLAIN:
             check.decision_cost()
         self._caller = Caller(check.offline_text({}))
         return self._way(part, self._box)

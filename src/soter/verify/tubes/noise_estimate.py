@@ -110,6 +110,23 @@ def boxes_back_soon(check: TubeCheck, box: Mapping[int, Interval]) -> Iterator[B
                 before, sides = sides, ROOM * states[-1]
 
 
+def moves_quickly(check: TubeCheck) -> bool:
+    """Whether states act on each other so quickly that one period of SC is long for them.
+
+    This is so if 1 / period is below the largest eigenvalue of the absolute derivatives of rates at
+    the start. There a step of second order over the whole period makes a tube much too wide.
+    """
+    if not has_known_operations(check):
+        return False
+    start = {s: check.problem.initial[s] for s in check.states}
+    with np.errstate(all="ignore"):
+        by_state = np.abs(_linear_loop(check, start, np.ones(len(start)))[0])
+    if not np.isfinite(by_state).all():
+        return False
+    quickest = np.abs(np.linalg.eigvals(by_state)).max(initial=0.0)
+    return bool(quickest * check.times.period * 1e-9 > 1.0)
+
+
 def _delays_of(check: TubeCheck) -> tuple[float, float]:
     """The largest age of a read and the largest lateness of a command, in s."""
     return check.times.delay * 1e-9, check.times.jitter * 1e-9

@@ -31,7 +31,7 @@ from soter.verify.tubes.kinks import Kink, kink_entry
 from soter.verify.tubes.leading_back import box_ends, box_in_words, is_start_collected, way_back
 from soter.verify.tubes.problem import FARTHEST, cut_to_farthest, is_far, refusal, rounded_up
 from soter.verify.tubes.sc_step import variables_entry
-from soter.verify.tubes.tube_check import PLAIN
+from soter.verify.tubes.tube_precision import PLAIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -203,7 +203,7 @@ class RestClaims:
     """The results of the claims; each text says why a claim is not shown, or is "".
 
     `box` is B of rule 1; `ways` is Y, the later range of each state that `moves` does not name.
-    `cut` is the index in `CUTS` of the check that showed the box and flies; `kink` is its kink, if
+    `precision` is that of the check that showed the box and flies; `kink` is its kink, if
     any. `astray` is a state in which a run does not come back, so that no younger read would help.
     `other` is a box that SC is shown to lead back into if B is not shown; empty if none was found.
     `given` says whether AC has control at an exact estimate of the middle of the start.
@@ -218,7 +218,7 @@ class RestClaims:
     moves: str = ""
     start: str = ""
     given: bool = False
-    cut: int = PLAIN
+    precision: int = PLAIN
     kink: Kink | None = None
 
     def write(self, path: Path) -> None:
@@ -288,7 +288,7 @@ def _claims_in_order(check: TubeCheck) -> RestClaims:
     caller = Caller(check.offline_text({}))
     claims.answers = _why_sc_may_fault(check, caller)
     claims.kept = claims.answers or _why_not_kept(check, caller, claims)
-    claims.cut = check.cut
+    claims.precision = check.precision
     if not claims.kept:
         phase(f"{check.problem.name}: how far SC moves what `moves` names")
         at = {s: claims.ways.get(s, check.rooms[s]) for s in check.states}

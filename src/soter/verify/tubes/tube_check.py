@@ -58,6 +58,7 @@ from soter.verify.tubes.problem import (
     topics_read,
 )
 from soter.verify.tubes.sc_step import ScStep
+from soter.verify.tubes.tube_precision import PLAIN, PRECISIONS, text_in_precision
 from soter.verify.tubes.turns import A_TURN, FARTHEST_TURN, turning_states, with_rounding_of_turns
 
 if TYPE_CHECKING:
@@ -77,16 +78,11 @@ SYMBOLS_MAX = 2000
 """The most symbols of a form; the rounding bounds of `forms.soter` depend on it."""
 ATTEMPTS, LEVELS, PARTS = 5, 6, 4
 NO_RANGE = "{ lo: 0.0, hi: 0.0 }"
-FREE, STEPS, LONGEST = 2, 1, 8
-"""The steps of a tube until SC acts, the steps in a period of SC, and the most periods in a step of
-an SC that reads nothing."""
+FREE, LONGEST = 2, 8
+"""The steps of a tube until SC acts, and the most periods in a step of an SC that reads nothing."""
 UNBOUNDED = "no bound is seen of `{}`, which SC keeps from step to step"
 BOUND = "limit it where it is assigned: `i = clamp(i + ..., -1.0, 1.0)`"
 BOUND_READ = "a filter needs sets of the topics that it reads"
-CUTS = (6, True), (6, False), (40, True)
-"""Ways to shorten forms: how many columns are kept, and whether these are the largest relative to
-the width of their state (True) or the largest in absolute size."""
-PLAIN, MOST = 1, 2
 WAY = 3
 """A command that is not permitted is moved to SC's in so many steps, and each is judged."""
 ENDINGS = 2
@@ -98,8 +94,8 @@ class TubeCheck:
 
     `states` has the states on which the law or a condition depends, in the order of estimates. By
     state, `read_sets` has the values that SC may read, and `rooms` the range within C, by the sets
-    of published values. `turning` has angles that need not come back and range over a turn; `cut`
-    is the index of the way in `CUTS`; `kink` says where runs are collected.
+    of published values. `turning` has angles that need not come back and range over a turn;
+    `precision` is an index of `PRECISIONS`; `kink` says where runs are collected.
     """
 
     law: Sequence[Node]
@@ -149,7 +145,7 @@ class TubeCheck:
             far = rounded_up(Fraction(FARTHEST_TURN) + Fraction(self.error_by_state()[s]))
             self.read_sets[s] = Interval(-far, far)
         self.answers_vary = bool(self.read_by_law or self.kept)
-        self.cut = 0 if self.answers_vary else PLAIN  # no answer shares a symbol with a state
+        self.precision = 0 if self.answers_vary else PLAIN  # no answer shares a symbol with a state
         self.read_by_rates = states_read(rates)
         self.read_by_rest, self.read_by_safe = map(states_read, ([self._rest], [self._safe]))
         moving = states_read_through([self._rest], every)
@@ -229,7 +225,8 @@ class TubeCheck:
 
         If no rate has commands as ranges, it leaves out `spread`, which widens commands.
         """
-        text, first = "\n".join(parts), self.problem.first_map
+        text = text_in_precision("\n".join(parts), self.precision)
+        first = self.problem.first_map
         if not any(x.of[0] == "u" for x in self._ranged):
             text = re.sub(r"spread\((\w+), \w+\)", r"\1", text)
         if not self._branches:
@@ -397,8 +394,8 @@ class TubeCheck:
             raise refusal(self.problem, msg)
         lines = [f"const {name}: int = {value};" for name, value in sizes.items()]
         lines += [f"const {name}: float = {number_text(t)};" for name, t in self._seconds().items()]
-        shares = CUTS[self.cut][1]
-        lines += [f"const SHARES: bool = {str(shares).lower()};"]
+        shares = str(PRECISIONS[self.precision].shares).lower()
+        lines += [f"const SHARES: bool = {shares};"]
         lines += [f"const RESET: float = {0.5 if self.answers_vary else 0.9};"]
         return "\n".join([*lines, *self._array_lines(sizes)]) + "\n"
 
@@ -406,12 +403,13 @@ class TubeCheck:
         """The integer constants by name: counts of states, commands, ...; and first symbols."""
         q, times, n = self.problem.quantities, self.times, len(self.states)
         moved = len(q.controls) + len(q.disturbances)
-        keep, _ = CUTS[self.cut]
+        keep, _, steps, order = PRECISIONS[self.precision]
+        stride = moved + n * (steps > 1)
         read = 2 * n + keep
         commands = read + n + len(self.kept)
         closed = commands + len(q.controls)
         moves = closed + moved
-        symbols, holds = moves + moved * STEPS + 1, times.switches + 1
+        symbols, holds = moves + stride * steps + 1, times.switches + 1
         depth = times.depth
         if not self.answers_vary:  # no command shares a symbol with a state, and none switches
             closed = moves = read
@@ -421,11 +419,12 @@ class TubeCheck:
             "DISTURBANCES": len(q.disturbances), "MOVED": moved,
             "EFFECTS": len(self._effects), "KEEP": keep, "READS": read, "COMMANDS": commands,
             "CLOSED": closed, "SAMPLES": len(self._sources_of_reads()),
-            "MOVES": moves, "ATTEMPTS": ATTEMPTS, "FREE_STEPS": FREE, "STEPS": STEPS,
+            "MOVES": moves, "ATTEMPTS": ATTEMPTS, "FREE_STEPS": FREE, "STEPS": steps,
             "HOLDS": holds, "DEPTH": depth, "ACTED": depth * len(q.controls),
             "FACES": len(self._faced),
             "TIME": symbols - 1, "LEVELS": LEVELS, "PARTS": PARTS,
             "BRANCHES": 2 * len(self._branches),
+            **({"STRIDE": stride, "ORDER": order} if steps > 1 else {}),
         }  # fmt: skip
 
     def _sources_of_reads(self) -> list[tuple[int, int]]:
@@ -434,7 +433,7 @@ class TubeCheck:
 
     def _seconds(self) -> dict[str, float]:
         """The constants that are times, in s, by name."""
-        times = self.times
+        times, steps = self.times, PRECISIONS[self.precision].steps
         begin = max(0, times.start - times.period - times.jitter)
         return {
             "FREE_STEP": nearest_seconds(times.earliest, FREE),
@@ -443,8 +442,8 @@ class TubeCheck:
             "START_WINDOW": nearest_seconds(times.start - begin),
             "LATE_READ": rounded_up(Fraction(times.delay, 10**9)),
             "JITTER": nearest_seconds(times.jitter),
-            "FIRST_STEP": nearest_seconds(times.period - times.jitter, STEPS),
-            "LATER_STEP": nearest_seconds(times.period - 2 * times.jitter, STEPS),
+            "FIRST_STEP": nearest_seconds(times.period - times.jitter, steps),
+            "LATER_STEP": nearest_seconds(times.period - 2 * times.jitter, steps),
             "SHORTEST": nearest_seconds(times.period, 2),
             "LONGEST": nearest_seconds(LONGEST * times.period),
             "SETTLED": nearest_seconds(times.switches * times.period),

@@ -279,20 +279,20 @@ class Subject:
 NUMBERS = "SYMBOLS", "MOVES", "DEPTH"
 
 
-def source_of(text: str, times: TubeTimes) -> tuple[str, int, int, int]:
+def source_of(text: str, times: TubeTimes, precision: int = 0) -> tuple[str, int, int, int]:
     """The check of a program's module, `tried` behind it; its SYMBOLS, MOVES and DEPTH."""
     flat = system_to_prove(check_file("drawn.soter", text), None)
     problem = extract(flat, flat.modules[0])
     assert isinstance(problem, TubeProblem)
     check = TubeCheck(problem)
-    check.times = times
+    check.times, check.precision = times, precision
     made = check.text_in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0)))
     sizes = [int(made.split(f"const {n}: int = ")[1].split(";")[0]) for n in NUMBERS]
     return made + TRIED, sizes[0], sizes[1], sizes[2]
 
 
 def drawn_subjects(
-    folder: Path, count: int, *, bent: bool, times: TubeTimes = TIMES
+    folder: Path, count: int, *, bent: bool, times: TubeTimes = TIMES, precision: int = 0
 ) -> tuple[Library, list[Subject]]:
     """The first modules that are not refused: what no number stands for may be hidden in a rate."""
     found: list[Subject] = []
@@ -301,7 +301,7 @@ def drawn_subjects(
         number = next(drawn_from)
         module = drawn_module(random.Random(number), bent=bent)  # noqa: S311 - drawn examples
         with suppress(SoterError):
-            text, symbols, moves, depth = source_of(module.text, times)
+            text, symbols, moves, depth = source_of(module.text, times, precision)
             name = f"drawn_{number}"
             programs[name] = text, symbols
             found.append(Subject(name, module, symbols, moves, depth))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.verify.tubes.tube_check import CUTS
+from soter.verify.tubes.tube_precision import PRECISIONS
 from unit.verify.tubes.random_plants import OLD_READS, Floats, drawn_subjects
 from unit.verify.tubes.soter_forms import eps_of
 from unit.verify.tubes.test_steps import BOXES, ENDLESS, MODULES, each, rows_at, some, stepped
@@ -44,7 +44,7 @@ def test_answers_hold_what_sc_makes_of_reads_of_one_instant(
     """
     judged = 0
     for library, s, module, rng in each(old_reads[bent], "answered"):
-        n, m, shared = module.states, module.controls, 2 * module.states + CUTS[0][0]
+        n, m, shared = module.states, module.controls, 2 * module.states + PRECISIONS[0].keep
         for _ in range(4 * BOXES):
             eps = [eps_of(rng, s.symbols)]
             first = rng.random() < 0.3

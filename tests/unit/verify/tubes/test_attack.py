@@ -10,8 +10,13 @@ from bench.tubes.small_rests import drawn
 from bench.tubes.tube_module import Loop, module_of
 
 from long_tests import examples, seed_of, some
+from unit.verify.tubes.test_precision import QUICK
 
 FOLLOW = Path(__file__).parents[4] / "examples" / "evidence" / "follow.soter"
+SLIPPING = [
+    ("der x = v + wind;", "der x = v * (1.0 + 0.5 * slip) + wind;"),
+    ("  disturbance wind", "  disturbance slip: float in [-1.0, 1.0];\n  disturbance wind"),
+]
 BY_TUBE, BY_POINT, ALWAYS_AC = range(3)
 
 
@@ -32,6 +37,17 @@ def test_no_flight_is_violated_and_flights_by_points_are(follow: Loop) -> None:
 def test_every_hold_of_a_fall_back_run_is_in_its_tube(follow: Loop) -> None:
     told = follow.run("contain", 1, 10_000, 0)
     assert told.holds >= 10_000
+    assert (told.outside, told.violated) == (0, 0)
+
+
+def test_every_hold_is_in_its_tube_where_a_command_is_followed_in_several_steps() -> None:
+    """The slip multiplies a speed, so each step leaves over much that has no other symbol."""
+    text = QUICK
+    for old, new in SLIPPING:
+        assert old in text
+        text = text.replace(old, new)
+    told = Loop(module_of("quick.soter", text), "-O1").run("contain", 1, 6_000, 0)
+    assert told.holds >= 6_000
     assert (told.outside, told.violated) == (0, 0)
 
 

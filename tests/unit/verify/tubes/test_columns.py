@@ -16,7 +16,8 @@ from soter.verify.tubes import leading_back
 from soter.verify.tubes.generated_functions import Caller
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import show_rest_claims
-from soter.verify.tubes.tube_check import CUTS, MOST, PLAIN, TubeCheck
+from soter.verify.tubes.tube_check import TubeCheck
+from soter.verify.tubes.tube_precision import MOST, PLAIN, PRECISIONS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -88,12 +89,12 @@ def test_as_many_columns_fly_as_rest_is_shown_with(
 ) -> None:
     monkeypatch.setenv("SOTER_CACHE", str(tmp_path))
     check = check_of(HOVER)
-    assert kept_in_flight(check) == CUTS[0][0]
+    assert kept_in_flight(check) == PRECISIONS[0].keep
     for again in (check, check_of(HOVER)):  # computed, then from the cache
         claims = rest_claims(again)
         assert (claims.kept, claims.start) == ("", "")
-        assert claims.cut == again.cut == MOST
-        assert kept_in_flight(again) == CUTS[MOST][0]
+        assert claims.precision == again.precision == MOST
+        assert kept_in_flight(again) == PRECISIONS[MOST].keep
 
 
 @pytest.mark.long
@@ -105,7 +106,7 @@ def test_few_columns_stay_where_more_are_no_help(monkeypatch: pytest.MonkeyPatch
         most = Caller(check.offline_text({})).operations("follows")
         monkeypatch.setattr(tree_walk, "MAX_OPERATIONS", int(1.05 * most))
     assert "does not certainly lead back" in show_rest_claims(check).kept
-    assert check.cut == PLAIN
+    assert check.precision == PLAIN
 
 
 @pytest.mark.long
@@ -118,4 +119,4 @@ def test_a_start_that_is_not_shown_leaves_rest_as_it_is(monkeypatch: pytest.Monk
     claims = show_rest_claims(check)
     assert claims.kept == ""
     assert "from b.x in [6.95, 6.95]" in claims.start
-    assert check.cut == MOST
+    assert check.precision == MOST

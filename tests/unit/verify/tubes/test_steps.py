@@ -12,7 +12,7 @@ import mpmath
 import pytest
 
 from soter.verify.tubes.generated_functions import Caller
-from soter.verify.tubes.tube_check import CUTS
+from soter.verify.tubes.tube_precision import FINE, PRECISIONS
 from unit.verify.tubes.random_plants import TIMES, drawn_subjects, source_of
 from unit.verify.tubes.soter_forms import Library, down, drawn, eps_of, off_by, up
 
@@ -34,6 +34,14 @@ def subjects(tmp_path_factory: pytest.TempPathFactory) -> tuple[Library, list[Su
 @pytest.fixture(scope="module")
 def bent_subjects(tmp_path_factory: pytest.TempPathFactory) -> tuple[Library, list[Subject]]:
     return drawn_subjects(tmp_path_factory.mktemp("bent"), MODULES, bent=True)
+
+
+@pytest.fixture(scope="module", params=[False, True])
+def fine_subjects(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Library, list[Subject]]:
+    folder = tmp_path_factory.mktemp("fine")
+    return drawn_subjects(folder, MODULES, bent=request.param, precision=FINE)
 
 
 def each(subjects: tuple[Library, list[Subject]], seed: str) -> Any:
@@ -88,7 +96,13 @@ def test_flows_hold_every_run_of_rates_that_commands_and_disturbances_bend(
     flows_hold(bent_subjects)
 
 
-def flows_hold(subjects: tuple[Library, list[Subject]]) -> None:
+def test_flows_of_a_higher_order_hold_every_run(
+    fine_subjects: tuple[Library, list[Subject]],
+) -> None:
+    flows_hold(fine_subjects, 0.2)
+
+
+def flows_hold(subjects: tuple[Library, list[Subject]], longest: float = 0.05) -> None:
     """Commands and disturbances at their ends, switching whenever they like, are in each form.
 
     Runge and Kutta's steps of h / 36 are off by their fifth power and by rounding, 1e-10 in all;
@@ -101,7 +115,7 @@ def flows_hold(subjects: tuple[Library, list[Subject]]) -> None:
             eps = [eps_of(rng, s.symbols)]
             x = some(rng, eps, n, rng.choice((1.0, 0.1)), n)
             u = some(rng, eps, m, 1.0, n)
-            h = rng.choice((0.002, 0.02, 0.05))
+            h = rng.choice((0.002, 0.02, longest))
             wide = [module.disturbed, *[rng.choice((0.0, 0.5)) for _ in range(m)]]
             forms = rows_at(x=[f.row for f in x], u=[f.row for f in u])(s.symbols)
             got = library.call(s.name, 0, forms, [h, *wide])
@@ -255,7 +269,7 @@ def test_reduced_forms_hold_states_and_commands_of_one_run(
     for one choice of the new symbols that x and u share.
     """
     for library, s, module, rng in each(subjects, "reduced"):
-        n, m, keep = module.states, module.controls * s.depth, CUTS[0][0]
+        n, m, keep = module.states, module.controls * s.depth, PRECISIONS[0].keep
         for _ in range(2 * BOXES):
             eps = [eps_of(rng, s.symbols)]
             x = [drawn(rng, eps, rng.choice((1.0, 1e-3)), -3.0, 3.0) for _ in range(n)]
