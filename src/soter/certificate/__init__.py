@@ -10,7 +10,8 @@ In reading order:
   `proof_methods.py` says what claims rest on, and has the methods of whole modules.
 - `cell_sets.py`, `cell_predicates.py`: sets of cells, and on which of them a predicate holds.
 - `grid/`, `induction/`, `tubes/`: the methods by which claims are shown.
-- `extras/`: what most certificates have not, asked for by its `__init__` alone.
+- `extras/`: what most certificates have not; the files above and `grid/` ask for it through its
+  `__init__` alone.
 - `scope.py`: what a verdict is about and rests on; `vacuous_proofs.py`: whether it says anything;
   `report.py`: the verdicts and errors.
 What is not understood is not confirmed. docs/recheck.md says what each certificate goes through.

@@ -297,7 +297,9 @@ class CaseCheck:
         workers, times = min(self.workers, len(self.tasks)), self.model.facts.times
 
         def task_result(k: int) -> tuple[str, int]:
-            return self.tasks[k][0](), times["d_ns"]
+            failed = self.tasks[k][0]()
+            delays = [c.delay_ns for check in self.checks for c in check.chain_checks]
+            return failed, min(delays, default=times["d_ns"])
 
         answers: Generator[tuple[int, Any]] = ((k, task_result(k)) for k in range(len(self.tasks)))
         if workers > 1 and can_fork():

@@ -99,7 +99,9 @@ def _cells_by_share(
         owner = max(range(len(groups)), key=lambda k: float(weights[k]))
         shares[owner].append(part)
     return [
-        cells_where_certain(Decision(model, g.states, terms, atoms, conjunction_of(share)), g.grid)
+        cells_where_certain(
+            TruthOverBox(model, g.states, terms, atoms, conjunction_of(share)), g.grid
+        )
         for g, share in zip(groups, shares, strict=True)
     ]
 
@@ -129,7 +131,7 @@ def conjunction_of(parts: Sequence[Proposition]) -> Proposition:
     return joined
 
 
-class Decision:
+class TruthOverBox:
     """Evaluates a proposition on boxes of some states; other states range over their grids.
 
     Errors and other topics that it reads are further axes of a box, with `ranges`, so that they are
@@ -174,7 +176,7 @@ class Decision:
         return all(self.holds_on_box(box, splits) for box in grid.boxes_covering(block, self.reads))
 
 
-def cells_where_certain(decision: Decision, grid: Grid) -> Cells:
+def cells_where_certain(decision: TruthOverBox, grid: Grid) -> Cells:
     """The cells on which the proposition certainly holds."""
     members = np.zeros(grid.shape, dtype=np.bool_)
     waiting = [grid.all_cells]
@@ -218,7 +220,7 @@ class AdmitCheck:
         refused = negation(truth) if admits else truth
         fine = or_of(fails, and_of(refused, sound_told))
         atoms = [x.atom for x in states]
-        self.decision = Decision(model, group.states, terms, atoms, fine)
+        self.decision = TruthOverBox(model, group.states, terms, atoms, fine)
 
 
 def cells_wrongly_admitted(

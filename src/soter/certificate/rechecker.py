@@ -336,7 +336,7 @@ def _check_module(
     jumps = extras.handovers.jumps_by_plant(facts, groups, claimed.claims) if facts.view else {}
     report.assumptions, report.shown = (assumptions_of(facts, jumps), confirmed_facts(facts, jumps))
     report.stays = bool(facts.symbol.stay_clause)
-    report.safe = " ".join(facts.symbol.safe.span.text.split())
+    report.safe = facts.symbol.safe.span.text_on_one_line
     report.vacuous, report.unseen = why_vacuous(facts, groups)
     report.times = {**facts.times, "h0_ns": facts.start_ns, "start_ns": facts.start_ns}
     for g in (g for of_case in groups for g in of_case):

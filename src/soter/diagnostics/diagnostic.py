@@ -75,6 +75,11 @@ class Span:
         """The text that the span covers."""
         return self.source.text[self.start : self.end]
 
+    @property
+    def text_on_one_line(self) -> str:
+        """The text that the span covers, with one space for each run of blanks and line ends."""
+        return " ".join(self.text.split())
+
     def to(self, other: Span) -> Span:
         """The span from the start of this span to the end of `other`."""
         return Span(self.source, self.start, max(self.end, other.end))

@@ -186,15 +186,15 @@ def _verify_problems(
     ]
     try:
         for i, (problem, job) in enumerate(zip(problems, needed, strict=True)):
-            whole = not (problem.view or problem.influences)
             if (proved := known.get(problem.name)) is not None:
                 results.append(proved)
                 continue
             with between(i / len(problems), (i + 1) / len(problems)):
+                attacked = refute and _may_be_attacked(problem)
                 result = methods[i].verify(
                     problem,
-                    refute=refute and _may_be_attacked(problem),
-                    explain=(refute and whole) if explain is None else explain,
+                    refute=attacked,
+                    explain=attacked if explain is None else explain,
                     search=search,
                     compiled=None if job is None else job.result(),
                 )

@@ -371,7 +371,7 @@ class AnotherVersionError(ValueError):
     """Raised if a counterexample belongs to another version of the program's text."""
 
 
-def save_counterexamples(report: VerifyReport, folder: Path = FOLDER) -> None:
+def save_counterexamples(report: VerifyReport) -> None:
     """Writes every counterexample and notes its file in the finding; raises `SoterError` D006."""
     for module in report.modules:
         for name, finding in module.findings.items():
@@ -379,9 +379,9 @@ def save_counterexamples(report: VerifyReport, folder: Path = FOLDER) -> None:
             if isinstance(run, Counterexample):
                 kind = "" if run.shows == LEAVES else f"-{name}"
                 stem = f"{Path(report.path).stem}-{module.name}{kind}"
-                path = folder / f"{stem}.counterexample.json"
+                path = FOLDER / f"{stem}.counterexample.json"
                 if _system_of(path) not in {None, report.system}:
-                    path = folder / f"{stem}-{report.system}.counterexample.json"
+                    path = FOLDER / f"{stem}-{report.system}.counterexample.json"
                 _write_or_refuse(replace(run, facts=_facts_of_run(report, module)), path)
                 finding.saved = path
 

@@ -9,15 +9,14 @@ K, the core, is computed with each command held for `hold` periods of SC: in one
 a state moves less than a cell, and then rounding to whole cells leaves nothing of K.
 
 A table has one entry per cell of the estimate: [low, high) along each axis, the last cell closed.
-A true cell c and a cell e of estimates are *compatible* if, for some error of E and some state x in
-c, the estimate x + error lies in e.
+A cell c of states and a cell e of estimates are *compatible* if some state of c lies in e.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,7 +33,7 @@ from soter.verify.grid.grid_problem import grid_inputs_of
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.extract import extract
-from soter.verify.synthesized_sc import STRIDE, CellCommands, block_law, command_combinations
+from soter.verify.synthesized_sc import CellCommands, block_law, command_combinations
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -57,7 +56,7 @@ ALL = np.uint64(2**64 - 1)
 
 
 @dataclass(frozen=True)
-class CommandTable:
+class SynthesizedCommands:
     """A synthesised SC: `cells` is K, `choice` the number of the command for each estimate cell.
 
     The value 255 is no command. In K the chosen command, held for one period, keeps C and leads
@@ -71,28 +70,11 @@ class CommandTable:
     """For each true cell of K, bit k is set if command k, held for a period, leads back into K."""
 
 
-def _conjunction_of_masks(masks: Masks, first: Any, last: Any, axis: int) -> Masks:  # noqa: ANN401 - int arrays
-    """The bitwise AND of the masks first[i]..last[i] for each index i along an axis."""
-    n = masks.shape[axis]
-    low, high = np.clip(first, 0, n - 1), np.clip(last, 0, n - 1)
-    conjunction: Masks = np.take(masks, low, axis=axis)
-    for k in range(1, int((high - low).max(initial=0)) + 1):
-        conjunction &= np.take(masks, np.minimum(low + k, high), axis=axis)
-    return conjunction
-
-
 class _Synthesis:
     """Computes K and its command table as a fixpoint over the commands of cells."""
 
-    def __init__(
-        self,
-        group: GridGroup,
-        allowed: Bools,
-        commands: Floats,
-        errors: Mapping[int, float],
-        prefer: Floats | None,
-    ) -> None:
-        self.group, self.commands, self.errors, self.prefer = group, commands, errors, prefer
+    def __init__(self, group: GridGroup, allowed: Bools, commands: Floats) -> None:
+        self.group, self.commands = group, commands
         ffi, n, size = group.library.ffi, len(group.axes), allowed.size
         self.work = ffi.new("soter_reach_choice *")
         self.memory = group.allocate_rounds(self.work.r)
@@ -115,18 +97,11 @@ class _Synthesis:
     def masks_by_estimate(self, kept: Bools) -> Masks:
         """The masks, by estimate cell, of commands that serve all compatible cells of K.
 
-        An estimate cell without a compatible cell has ALL. On an axis without error an estimate on
-        the lower face of a cell also belongs to the cell below, unless the upper cell is in K.
+        An estimate cell without a compatible cell has ALL. An estimate on the lower face of a cell
+        also belongs to the cell below, unless the upper cell is in K.
         """
         masks = np.where(kept, self.fine, ALL)
-        touched = self.group.overlapped_cells(self.errors)
-        exact = [not self.errors.get(s, 0.0) for s in self.group.axes]
-        # exact axes first: while `masks` belong to true cells along the others, as `kept` does
-        for axis in sorted(range(len(exact)), key=lambda axis: not exact[axis]):
-            first, last = touched[axis]
-            if not exact[axis]:
-                masks = _conjunction_of_masks(masks, first, last, axis)
-                continue
+        for axis in range(masks.ndim):
             below = np.full_like(masks, ALL)
             into: list[slice] = [slice(None)] * masks.ndim
             out = list(into)
@@ -141,11 +116,11 @@ class _Synthesis:
         The command that serves most of these cells is kept; the cells that it does not serve go.
         """
         wanted, lost = np.argwhere(masks == 0), np.zeros_like(kept)
-        reach = self.group.overlapped_cells(self.errors)
+        reach = self.group.overlapped_cells({})
         for cell in wanted:
             box = tuple(
-                slice(max(0, int(f[i]) - (not self.errors.get(s, 0.0))), int(t[i]) + 1)
-                for i, s, (f, t) in zip(cell, self.group.axes, reach, strict=True)
+                slice(max(0, int(first[i]) - 1), int(last[i]) + 1)
+                for i, (first, last) in zip(cell, reach, strict=True)
             )
             compatible, fine = kept[box] & ~lost[box], self.fine[box]
             serves = [
@@ -156,7 +131,7 @@ class _Synthesis:
             lost[box] |= compatible & ((fine >> best) & np.uint64(1) == 0)
         return lost
 
-    def find_table(self) -> CommandTable:
+    def find_table(self) -> SynthesizedCommands:
         group, lib = self.group, self.group.library.lib
         lib.soter_reach_choice_begin(group.c, self.work)
         while True:
@@ -164,52 +139,32 @@ class _Synthesis:
             masks = self.masks_by_estimate(kept)
             if masks.all():
                 admits = np.where(kept, self.fine, np.uint64(0))
-                return CommandTable(kept, self.command_by_cell(kept, masks), self.commands, admits)
+                return SynthesizedCommands(kept, self.command_by_cell(masks), self.commands, admits)
             lost = np.ascontiguousarray(self.cells_in_conflict(kept, masks)).view(np.uint8)
             lib.soter_reach_choice_remove(group.c, self.work, group.pointer(lost, "uint8_t *"))
             share_done(0.0, "synthesis")
 
-    def command_by_cell(self, kept: Bools, masks: Masks) -> Bytes:
-        """For each estimate cell the number of a command that serves; 255 if no state of K fits.
-
-        Of several it takes the one whose image has the least `prefer` in its middle, or the first.
-        """
+    def command_by_cell(self, masks: Masks) -> Bytes:
+        """For each estimate cell the first command that serves; 255 if no state of K fits."""
         count = len(self.commands)
         serves = (masks[..., None] >> np.arange(count, dtype=np.uint64)) & np.uint64(1) != 0
-        choice = np.argmax(serves, axis=-1).astype(np.uint8)
-        if self.prefer is not None:
-            serving = serves & kept[..., None]
-            image = np.where(serving[..., None, None], self.image, 0)
-            middle = tuple(
-                (image[..., a, 0].astype(np.int32) + image[..., a, 1]) // 2
-                for a in range(len(self.group.axes))
-            )
-            cost = np.where(serving, self.prefer[middle], np.inf)
-            choice = np.where(kept, np.argmin(cost, axis=-1), choice).astype(np.uint8)
-        return np.asarray(np.where(masks == ALL, 255, choice), dtype=np.uint8)
+        return np.where(masks == ALL, 255, np.argmax(serves, axis=-1)).astype(np.uint8)
 
 
 def core_synthesis(
-    group: GridGroup,
-    allowed: Bools,
-    commands: Sequence[Sequence[float]],
-    *,
-    errors: Mapping[int, float] | None = None,
-    prefer: Floats | None = None,
-) -> CommandTable:
+    group: GridGroup, allowed: Bools, commands: Sequence[Sequence[float]]
+) -> SynthesizedCommands:
     """Computes the core K and a table of commands, each held for one period (N = 1).
 
     `allowed` is a set of the grid's shape; `commands` has up to 64 rows, each with a value of every
-    control; `errors` has the largest error of each state's estimate; `prefer` is a cost of each
-    cell, such as a distance to a goal. A flow must be read without delay and jitter: widen `errors`
-    by how far the state moves meanwhile.
+    control. States are read without errors, and those of a flow without delay and jitter.
     """
     rows = np.ascontiguousarray(commands, dtype=np.float64)
     assert 1 <= len(rows) <= 64
     assert rows.shape[1] == len(group.inputs.controls), "a value of every control"
     assert group.inputs.delay_ns == 0
     assert group.inputs.jitter_ns == 0
-    return _Synthesis(group, allowed, rows, errors or {}, prefer).find_table()
+    return _Synthesis(group, allowed, rows).find_table()
 
 
 HOLDS = (1, 2, 5, 10, 20, 50)
@@ -288,7 +243,7 @@ MORE = ("give more commands: `commands topic in {-1.0, 0.0, 1.0};`", "or write o
 UNSUPPORTED = ("write a controller of your own: `sc NAME;`",)
 
 
-def find_law(problem: Problem, stride: int = STRIDE) -> LawTable:
+def find_law(problem: Problem) -> LawTable:
     """The law for a problem's only group; raises `SoterError` U009 if no law is found."""
     if len(problem.groups) != 1:
         raise _no_controller_error(problem.module, "it has several groups", UNSUPPORTED)
@@ -310,7 +265,7 @@ def find_law(problem: Problem, stride: int = STRIDE) -> LawTable:
             problem.module, "from no cell do the given commands keep the constraint"
         )
     steps = _MovedPoints(problem, library, hold)
-    return block_law(choices, [float(e[0]) for e in edges], widths, steps.points_after, stride)
+    return block_law(choices, [float(e[0]) for e in edges], widths, steps.points_after)
 
 
 def _no_controller_error(module: Module, why: str, helps: tuple[str, ...] = MORE) -> SoterError:

@@ -295,7 +295,7 @@ def _module_proof(m: ModuleResult) -> ModuleProof:
 
 def _headline(m: ModuleResult) -> str:
     lines = "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line)
-    safe = " ".join(m.problem.module.symbol.safe.span.text.split())
+    safe = m.problem.module.symbol.safe.span.text_on_one_line
     head = f"{_safety_in_words(m)} `{safe}`{m.verdict_note}; {len(m.assumptions)} assumptions, "
     cells = f"{m.cells:,} cells, " if m.cells else ""
     return f"{head}{cells}{m.seconds:.1f} s{lines}"

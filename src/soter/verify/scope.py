@@ -148,7 +148,7 @@ def coverage_of(
     )
 
 
-def _posed_problems(flat: System, module: Module, problems: list[Problem]) -> list[int]:
+def _indices_of_problem(flat: System, module: Module, problems: list[Problem]) -> list[int]:
     """The indices of the problems that a module's first view poses; empty if a view poses none."""
     keys = [problem_key(extract(*seen)) for seen in systems_by_view(flat, module)]
     every = [[i for i, p in enumerate(problems) if problem_key(p) == key] for key in keys]
@@ -163,7 +163,7 @@ def _coverage_and_reason(
     if module.forced is not None:
         return False, f"it is forced to {module.forced.upper()} there, its DM does not switch"
     try:
-        posed = _posed_problems(flat, module, problems)
+        posed = _indices_of_problem(flat, module, problems)
     except SoterError as error:
         codes = ", ".join(dict.fromkeys(d.code for d in error.diagnostics))
         return False, f"it poses no problem that can be proved ({codes})"

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostics, Source
+from soter.language.elaborate.derived_systems import unused_name
 from soter.language.model.types import ArrayType, FloatType, RecordType, leaves
 from soter.language.syntax.printer import format_source
 from soter.report.atomic_write import path_without_links
@@ -241,7 +242,7 @@ def program_with_law(problem: Problem, table: LawTable) -> SynthesizedSource:
     symbol = problem.module.symbol
     assert symbol.sc_span is not None
     source = symbol.sc_span.source
-    node = free_name(f"{symbol.name.rpartition('.')[2]}SC", source.text)
+    node = unused_name(f"{symbol.name.rpartition('.')[2]}SC", source.text)
     data_name = f"{node}.npy"
     text = "\n".join(_node_lines(problem, table, node, data_name)) + "\n\n"
     insertion = source.text.rfind("\n", 0, _start_of_module(symbol)) + 1
@@ -254,14 +255,7 @@ def program_with_law(problem: Problem, table: LawTable) -> SynthesizedSource:
     )
     formatted = format_source(Source(source.name, program), Diagnostics())
     assert formatted is not None
-    return SynthesizedSource(node, formatted, data_name, _table_bytes(problem, table))
-
-
-def free_name(name: str, text: str) -> str:
-    """The name with underscores appended until the text does not contain it."""
-    while name in text:
-        name += "_"
-    return name
+    return SynthesizedSource(node, formatted, data_name, _law_as_npy(problem, table))
 
 
 def _start_of_module(symbol: ModuleSymbol) -> int:
@@ -276,7 +270,7 @@ def _start_of_module(symbol: ModuleSymbol) -> int:
     return at
 
 
-def _table_bytes(problem: Problem, table: LawTable) -> bytes:
+def _law_as_npy(problem: Problem, table: LawTable) -> bytes:
     """The bytes of a table for each control; entries are indices into its increasing commands.
 
     On a border between blocks an analysis joins the indices of each control. As commands increase

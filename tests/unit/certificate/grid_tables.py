@@ -52,7 +52,7 @@ def check_of(group: GroupTables, *, kept: bool = False, **facts: Any) -> Any:
     check.kernel = Cells(group.grid, group.core > 0)
     check.allowed = np.ones(group.grid.shape, dtype=np.bool_)
     check.lawful = None
-    check.chains = None
+    check.chains, check.chain_checks = None, []
     return check
 
 

@@ -194,7 +194,7 @@ def test_what_holds_on_the_grid_alone_does_not_hold_beyond_its_open_end() -> Non
         x = terms.add_input("state", "x", -FARTHEST, FARTHEST)
         inside = terms.below_zero(terms.combine(((-ONE, x),), exact(-5.0)))
         grid = grid_beyond(((-2.0, -1.0, 0.0, 1.0, 2.0),), unbounded)
-        decision = cell_predicates.Decision(model, (0,), terms, [0], inside)
+        decision = cell_predicates.TruthOverBox(model, (0,), terms, [0], inside)
         found = cell_predicates.cells_where_certain(decision, grid)
         assert found.members.tolist() == members
 

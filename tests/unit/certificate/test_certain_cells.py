@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from soter.certificate import cell_predicates
-from soter.certificate.cell_predicates import HOLDS, Decision
+from soter.certificate.cell_predicates import HOLDS, TruthOverBox
 from soter.certificate.cell_sets import Grid
 from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.terms import Linear, Proposition, Terms, and_of, negation, or_of
@@ -68,14 +68,14 @@ def _near(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
 PROPOSITIONS = {"near": _near, "stops": _stops, "beside": _beside, "edges": _edges, "root": _root}
 
 
-def decision_of(name: str, ends: Any = EXTENTS) -> Decision:
+def decision_of(name: str, ends: Any = EXTENTS) -> TruthOverBox:
     """A proposition over x, v and an error e."""
     terms = Terms()
     x, v = (terms.add_input("state", n, *map(exact, e)) for n, e in zip("xv", ends, strict=True))
     e = terms.add_input("box", "e", exact(-ERROR), exact(ERROR))
     truth = PROPOSITIONS[name](terms, x, v, e)
     model: Any = SimpleNamespace(extents=EXTENTS)
-    return Decision(model, (0, 1), terms, [s.atom for s in (x, v)], truth)
+    return TruthOverBox(model, (0, 1), terms, [s.atom for s in (x, v)], truth)
 
 
 @pytest.mark.parametrize("name", sorted(PROPOSITIONS))
@@ -108,7 +108,7 @@ def test_cells_that_touch_a_bound_belong_to_it() -> None:
     left = terms.combine([(exact(1.0), x), (exact(-1.0), y)])
     truth = or_of(terms.below_zero(near, strict=False), terms.below_zero(left, strict=False))
     model: Any = SimpleNamespace(extents=((-2.0, 2.0), (-2.0, 2.0)))
-    decision = Decision(model, (0, 1), terms, [s.atom for s in (x, y)], truth)
+    decision = TruthOverBox(model, (0, 1), terms, [s.atom for s in (x, y)], truth)
     grid = Grid((edges, edges))
     members = cell_predicates.cells_where_certain(decision, grid).members
     assert members[34, 35], "x from 1.4 to 1.5, y from 1.5 on"

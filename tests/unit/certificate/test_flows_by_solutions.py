@@ -185,7 +185,7 @@ def test_a_box_has_to_hold_what_comes_of_it(monkeypatch: pytest.MonkeyPatch) -> 
         flow.enclose(box, command, start, Fraction(1, 16))
         assert hairs
         assert all(hair > 0 if start < 0 else hair.is_zero() for hair in hairs)
-    monkeypatch.setattr(flow_enclosures, "_is_within", lambda *_: False)
+    monkeypatch.setattr(flow_enclosures, "is_within", lambda *_: False)
     with pytest.raises(NotCertainError):
         flow.enclose(box, command, Fraction(0), Fraction(1, 1024))
 
@@ -256,9 +256,9 @@ def test_outwards_is_without_a_radius_and_holds_both_ends() -> None:
     assert not high < exact(Fraction(2, 3))
     assert abs(high - low - exact(Fraction(1, 3))) < 1e-30
     assert largest_row_sum(matrix([[1, -2], [-4, 0.5]])) == 4.5
-    assert flow_enclosures._is_within(balls([(0, 1)] * 2), balls([(0, 1), (-1, 1)]))
+    assert flow_enclosures.is_within(balls([(0, 1)] * 2), balls([(0, 1), (-1, 1)]))
     for box in ([(-0.1, 1), (0, 1)], [(0, 1.1), (0, 1)], [(0, 1), (-1.1, 1)], [(0, 1), (0, 1.1)]):
-        assert not flow_enclosures._is_within(balls(box), balls([(0, 1), (-1, 1)]))
+        assert not flow_enclosures.is_within(balls(box), balls([(0, 1), (-1, 1)]))
 
 
 # ---------------------------------------------------------------- solutions

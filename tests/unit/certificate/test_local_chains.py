@@ -369,9 +369,10 @@ def test_chains_of_a_window_enclose_its_runs(
     model = model_of(tmp_path, thing, *times)
     group = group_of(model)
     check = ChainCheck(model, group)
-    assert len(windows_of_runs(model, group.states, count)) == count
+    windows = windows_of_runs(model, group.states, check.delay_ns)
+    assert len(windows) == count
     sizes = []
-    for window in windows_of_runs(model, group.states, count):
+    for window in windows:
         chain, whole = check.compiled_chain(1, window), check.compiled_chain(1, EVERY)
         early = window.early_and_late(Fraction(model.facts.jitter_ns))[0] / 10**6
         cell = (14 + 3 * window.index, 24 - 3 * window.index)
@@ -405,7 +406,7 @@ def test_chains_of_first_samples_of_an_age_enclose_their_runs(
     model = model_of(tmp_path, THINGS["linear"], *times)
     group = group_of(model)
     check = ChainCheck(model, group)
-    parts = windows_of_runs(model, group.states, count, by_age=True)
+    parts = windows_of_runs(model, group.states, check.delay_ns, by_age=True)
     assert not any(t // 10**6 % count for t in delays(model))
     delay, jitter = (Fraction(t, 10**6) for t in delays(model))
     ends = sorted({w.sample_span(delay) for w in parts})
@@ -439,7 +440,8 @@ def test_what_comes_several_ways_is_not_told_apart_by_age(tmp_path: Path) -> Non
     model = model_of(tmp_path, THINGS["linear"], 15, 20, 0)
     (read,) = model.facts.setting.by_sc
     model.facts.setting = replace(model.facts.setting, by_sc=(read, read))
-    assert windows_of_runs(model, (0, 1), 4, by_age=True) == windows_of_runs(model, (0, 1), 4)
+    asked = model, (0, 1), model.facts.delay_ns
+    assert windows_of_runs(*asked, by_age=True) == windows_of_runs(*asked)
 
 
 @pytest.mark.parametrize("times", TIMES)

@@ -201,13 +201,13 @@ def test_chains_are_tried_finer_and_finer(monkeypatch: pytest.MonkeyPatch) -> No
             }
             assert tried == {(0, 2.0**-6), (4, 2.0**-4), (7, 2.0**-4)}
     monkeypatch.setattr(group_claims, "windows_of_runs", lambda *_, **__: (whole,))
-    assert ChainCheck(None, group)._window_splits() == [(whole,)]  # type: ignore[arg-type]
+    assert ChainCheck(model_with_reads(2, own=2), group)._window_splits() == [(whole,)]
 
 
 def model_with_reads(claimed: int, *, own: int) -> Any:
     """A model whose certificate has reads so old, where none are older than `own`."""
     return SimpleNamespace(
-        facts=SimpleNamespace(times={"d_ns": claimed}, derived=SimpleNamespace(delay=own))
+        facts=SimpleNamespace(delay_ns=claimed, derived=SimpleNamespace(delay=own))
     )
 
 
@@ -215,32 +215,33 @@ def model_with_reads(claimed: int, *, own: int) -> Any:
 def test_where_older_reads_than_there_are_are_too_much_those_that_there_are_follow(
     monkeypatch: pytest.MonkeyPatch, good: bool
 ) -> None:
-    """Once, for all that follows; the windows are left for the reads that there are."""
+    """Once, for all that this check is asked later, and for no other check."""
     monkeypatch.setattr(group_claims, "windows_of_runs", lambda *_, **__: ("a",))
     model, every = model_with_reads(5, own=2), Cells(LINE, bools(1, 1, 1, 1))
     check, asked = ChainCheck(model, tables([1] * 4)), set[Any]()
 
     def leads(*_: Any, window: Any, **__: Any) -> bool:
-        asked.add((model.facts.times["d_ns"], window))
-        return good and model.facts.times["d_ns"] == 2 and window == "a"
+        asked.add((check.delay_ns, window))
+        return good and check.delay_ns == 2 and window == "a"
 
     monkeypatch.setattr(check, "leads_to", leads)
     check._chains[1, EVERY] = "of reads 5 old"  # type: ignore[assignment]
     assert check.leads_in_parts([(exact(0.0), exact(1.0))], 3, every, every.contains) is good
     assert asked == {(5, EVERY), (2, EVERY), (2, "a")}
     assert check._chains == {}
+    assert model.facts.delay_ns == ChainCheck(model, tables([1] * 4)).delay_ns == 5
 
 
 def test_chains_and_phases_are_compiled_once(monkeypatch: pytest.MonkeyPatch) -> None:
     compiled: list[Any] = []
 
     def noted(*of: Any) -> Any:
-        compiled.append(of[2:])
+        compiled.append(of[-2:])
         return object()
 
     monkeypatch.setattr(group_claims, "sc_chain", noted)
     monkeypatch.setattr(group_claims, "free_phase_steps", noted)
-    check: Any = ChainCheck(None, tables([1] * 4))  # type: ignore[arg-type]
+    check: Any = ChainCheck(model_with_reads(2, own=2), tables([1] * 4))
     assert check.compiled_chain(1) is check.compiled_chain(1)
     assert check.compiled_chain(1) is not check.compiled_chain(4)
     assert check.compiled_chain(1, "late") is not check.compiled_chain(1)
@@ -271,7 +272,7 @@ def test_what_is_followed_has_to_hold_of_runs_beyond() -> None:
 
             group: Any = tables([1] * 4)
             group.grid = grid
-            check: Any = ChainCheck(None, group)  # type: ignore[arg-type]
+            check: Any = ChainCheck(model_with_reads(2, own=2), group)
             chain = SimpleNamespace(first=step, later=step, last=last if place == "last" else None)
             check._chains[1, EVERY] = chain
             box = [(exact(3.5), exact(4.0))]

@@ -64,20 +64,19 @@ def test_into_which_windows_runs_are_told_apart(
     facts = SimpleNamespace(
         kind="flow",
         jitter_ns=jitter,
-        delay_ns=delay,
         has_late_commands=False,
         setting=SimpleNamespace(by_sc=reads, silent=silent),
     )
     model: Any = SimpleNamespace(facts=facts)
     parts = 4 if jitter else 1
-    assert windows_of_runs(model, [0], 4) == tuple(Window(k, parts) for k in range(parts))
+    assert windows_of_runs(model, [0], delay) == tuple(Window(k, parts) for k in range(parts))
     mixed = bool(silent) and len(stations) > 1
     ages = 4 if delay and linear and sum(paths) == 1 and not mixed else 1
-    assert windows_of_runs(model, [0], 4, by_age=True) == tuple(
+    assert windows_of_runs(model, [0], delay, by_age=True) == tuple(
         Window(k, parts, a, ages) for k in range(parts) for a in range(ages)
     )
     facts.kind = "map"
-    assert windows_of_runs(model, [0], 4, by_age=True) == (EVERY,)
+    assert windows_of_runs(model, [0], delay, by_age=True) == (EVERY,)
 
 
 # ---------------------------------------------------------------- estimates

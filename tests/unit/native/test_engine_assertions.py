@@ -39,14 +39,14 @@ int main(void) {
   soter_truth undecided = 3U;
   (void)items;
   (void)undecided;
-  soter_form_shift(&other, &one, 0.0, 1.0);
+  soter_n_shift(SOTER_INPUTS, &other, &one, 0.0, 1.0);
   %s;
   return other.lo <= other.hi ? 0 : 1;
 }
 """
 BROKEN = {
-    "soter_n_range": "soter_form_range(&other, 2.0, 1.0)",
-    "soter_n_shift": "soter_form_shift(&other, &one, 1.0, 0.0)",
+    "soter_n_range": "soter_n_range(SOTER_INPUTS, &other, 2.0, 1.0)",
+    "soter_n_shift": "soter_n_shift(SOTER_INPUTS, &other, &one, 1.0, 0.0)",
     "soter_not": "(void)soter_not(0U)",
     "soter_both": "(void)soter_both(undecided, 4U)",
     "soter_ints_of": "(void)soter_ints_of(1, 0)",
@@ -139,7 +139,7 @@ def test_what_may_be_no_number_is_anything(tmp_path: Path, operation: str) -> No
     }
     call = (
         f"const soter_form wide = {operands[operation]};\n"
-        f"  soter_form_{operation}(&other, &wide, &wide);\n"
+        f"  soter_n_{operation}(SOTER_INPUTS, &other, &wide, &wide);\n"
         "  if (!soter_form_wild(&other)) { return 3; }"
     )
     source = FORMS.replace("return other.lo <= other.hi ? 0 : 1;", "return 0;") % call

@@ -1,4 +1,7 @@
-"""What most certificates have not. The contract: the core imports this package, and no file of it.
+"""What most certificates have not, each in a file of its own.
+
+The contract: the core, that of grids too, imports this package, and no file of it. The other
+methods, and other rooms, import files.
 
 Purpose: `extras.NAME` imports the file of that name, where a certificate uses it, so that one
 without extras rests on none (a test). docs/recheck.md says which feature each is of.

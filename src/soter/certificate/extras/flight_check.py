@@ -206,12 +206,12 @@ class _Reader:
         self, path: Path, system: System, modules: Sequence[Module], log: FlightLog
     ) -> None:
         self.path, self.system, self.log = path, system, log
-        self.modules = {m.name: _Verdicts(m) for m in modules}
+        self.verdicts_of = {m.name: _Verdicts(m) for m in modules}
         self.topics = {t.name: t for t in system.topics}
         self.outside = {e.topic: e for e in system.externals}
         self.plants = {f"{c.name}.truth": c for c in system.components if c.plant is not None}
         self.assumed = LoggedAssumptions(system, modules)
-        self.named = {m.name: m for m in modules}
+        self.modules = {m.name: m for m in modules}
         self.published: dict[str, list[tuple[int, Value]]] = {}
         """Topic that the log has messages of -> its last two (time, value), the newest first."""
         self.begun = False
@@ -226,13 +226,13 @@ class _Reader:
                     before = self.published.get(channel, [])
                     self.published[channel] = [(time_ns, value), *before[:1]]
                     self.assumed.note_message(time_ns, channel, value)
-                elif channel == MODES_TOPIC and message["module"] in self.modules:
-                    self.modules[message["module"]].in_ac = message["mode"] == "AC"
+                elif channel == MODES_TOPIC and message["module"] in self.verdicts_of:
+                    self.verdicts_of[message["module"]].in_ac = message["mode"] == "AC"
             for channel, message in due:
                 if (plant := self.plants.get(channel)) is not None and plant.plant is not None:
                     states = from_json(plant.plant.truth, message, channel)
                     self.assumed.note_truth(time_ns, plant, states)
-                if channel == DECISIONS_TOPIC and message["module"] in self.modules:
+                if channel == DECISIONS_TOPIC and message["module"] in self.verdicts_of:
                     self._note_logged_verdict(time_ns, message)
             self.assumed.end_instant(time_ns)
         except (ValueShapeError, LookupError, TypeError, ValueError, AttributeError) as error:
@@ -244,11 +244,12 @@ class _Reader:
         """Adds the doubts that come up at the end of the log."""
         self.assumed.end_log(time_ns)
         self.log.doubts += self.assumed.doubts
-        for name, module in self.modules.items() if self.begun else ():
-            if module.due_ns == 0:
+        for name, verdicts in self.verdicts_of.items() if self.begun else ():
+            if verdicts.due_ns == 0:
                 text = "the log has no verdict of it"
                 self.log.doubts.append(Doubt(0, name, CONTRADICTED, text))
-            self._note_missing(name, module.missing_text(time_ns + 1 - module.late), module.due_ns)
+            missing = verdicts.missing_text(time_ns + 1 - verdicts.late)
+            self._note_missing(name, missing, verdicts.due_ns)
 
     def _note_missing(self, name: str, text: str, since_ns: int) -> None:
         if text:
@@ -256,13 +257,13 @@ class _Reader:
 
     def _note_logged_verdict(self, time_ns: int, message: dict[str, Any]) -> None:
         name = message["module"]
-        module = self.modules[name]
-        release = time_ns // module.period * module.period
-        self._note_missing(name, module.missing_text(release), module.due_ns)
-        why = list(module.doubts_about(time_ns, message))
+        verdicts = self.verdicts_of[name]
+        release = time_ns // verdicts.period * verdicts.period
+        self._note_missing(name, verdicts.missing_text(release), verdicts.due_ns)
+        why = list(verdicts.doubts_about(time_ns, message))
         estimate: dict[str, float] = {}
         is_ac = message["mode_after"] == "AC"
-        self.assumed.note_verdict(time_ns, self.named[name], is_ac=is_ac, plan=module.plan)
+        self.assumed.note_verdict(time_ns, self.modules[name], is_ac=is_ac, plan=verdicts.plan)
         if is_ac:
             reads = message.get("reads", {})
             for topic, read in reads.items():
@@ -270,7 +271,7 @@ class _Reader:
             why += self.assumed.why_not_one_instant(
                 {t: r["age_ns"] for t, r in reads.items() if r["age_ns"] is not None}
             )
-            self.log.verdicts.append(LoggedVerdict(time_ns, name, estimate, module.plan))
+            self.log.verdicts.append(LoggedVerdict(time_ns, name, estimate, verdicts.plan))
         else:
             self.log.others += 1
         self.log.doubts += [Doubt(time_ns, name, CONTRADICTED, w, estimate) for w in why]
@@ -316,9 +317,9 @@ class _Reader:
             yield f"it read {name} of {time_ns - age} ns, and the log has another value of then"
 
     def _topic_value(self, channel: str, message: dict[str, Any]) -> Value:
-        of = self.topics[channel].type
-        plain = message if isinstance(of, RecordType) else message["value"]
-        return from_json(of, plain, channel)
+        value_type = self.topics[channel].type
+        plain = message if isinstance(value_type, RecordType) else message["value"]
+        return from_json(value_type, plain, channel)
 
 
 def open_flights(folder: Path, logs: Sequence[str]) -> Flights | None:

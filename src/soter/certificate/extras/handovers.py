@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from soter.certificate.cell_predicates import (
     AdmitCheck,
-    Decision,
+    TruthOverBox,
     cells_wrongly_admitted,
     conjunction_of,
     influence_of_inputs,
@@ -155,7 +155,7 @@ def confirmed_jumps(facts: Facts, jumps: Jumps) -> Said:
     """Yields the confirmed jumps, which are no longer assumptions."""
     assert facts.whole is not None
     assert facts.whole.verify.enters is not None
-    text = " ".join(facts.whole.verify.enters.span.text.split())
+    text = facts.whole.verify.enters.span.text_on_one_line
     for name, entries in jumps.items():
         for jump in (j for j in entries if not j.why):
             why = (
@@ -279,7 +279,7 @@ class _ConjunctCheck:
         sound: Proposition,
     ) -> None:
         fails = and_of(negation(part), sound)
-        self._decision = Decision(model, range(len(atoms)), terms, atoms, fails)
+        self._decision = TruthOverBox(model, range(len(atoms)), terms, atoms, fails)
         ranges = ((exact(a), exact(b)) for a, b in model.extents)
         self._box: Box = [*ranges, *self._decision.ranges]
         free = sorted(i for i in input_atoms(terms, [fails]) if terms.atoms[i].kind == "box")

@@ -328,7 +328,7 @@ class LocalFlow(KeptEnds):
         lines = self.derivative_rows(trial, commands)
         for k in range(ROUNDS):
             moved = self._box_during_span(box, self.rate_ranges(lines), first, last)
-            if k and _is_within(moved, trial):
+            if k and is_within(moved, trial):
                 return self.enclosure_by_rows(moved, commands, lines)
             hair = HAIR if start < 0 or self.may_branch else ZERO
             trial = self.clip_at_kept_ends(self._looser_box(box, moved, hair=hair))
@@ -464,7 +464,8 @@ def round_outwards(low: arb, high: arb) -> Interval:
     return arb(low.lower()), arb(high.upper())
 
 
-def _is_within(box: Sequence[Interval], other: Sequence[Interval]) -> bool:
+def is_within(box: Sequence[Interval], other: Sequence[Interval]) -> bool:
+    """Whether a box lies in another box."""
     return all(a >= c and b <= d for (a, b), (c, d) in zip(box, other, strict=True))
 
 

@@ -143,6 +143,8 @@ class GridCheck:
         """Cells on which `safe` is certain, and all that is published in its set."""
         self.kept = is_grid_never_left(model, tables.states)
         """Whether no run leaves the grid, whatever is commanded."""
+        self.chain_checks: list[ChainCheck] = []
+        """The checks of chains that were made, those of finer cells among them."""
 
     @property
     def shows_rates_defined(self) -> bool:
@@ -154,6 +156,7 @@ class GridCheck:
         """The chains of SC; compiles the first ones now, before processes are forked."""
         check = ChainCheck(self.model, self.tables)
         check.compiled_chain(PIECES[0])
+        self.chain_checks.append(check)
         return check
 
     def are_never_left(self, *sets: Cells) -> bool:
@@ -252,7 +255,9 @@ class GridCheck:
             if tables.given_back is None:
                 raise RejectedError("Q has cells of its own, and the DM has no table")
             finer = extras.estimates_and_shield.tables_on_finer_cells(tables)
-            yield from GridCheck(self.model, finer, self.lawful).return_tasks(None)
+            check = GridCheck(self.model, finer, self.lawful)
+            check.chain_checks = self.chain_checks
+            yield from check.return_tasks(None)
             return
         if calm is None:
             if tables.given_back is None:

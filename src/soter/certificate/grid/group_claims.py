@@ -57,9 +57,6 @@ MID_CUTS = (4, 7)
 """How often sets are halved on the way, at equal distances; each time doubles the work left."""
 LED_IN = ((0, 0), (SPLITS_CUT, MID_CUTS[0]), (SPLITS, 0), (SPLITS_CUT, MID_CUTS[1]))
 """(how often a cell is halved, how often sets on the way are): tried one after the other."""
-WINDOWS = 4
-"""Into so many parts runs are cut by how late their first command acted, and then also by how old
-the sample was that it answers."""
 UNRANKED = 1 << 20
 RESTS = 255
 """The number of a cell from which SC comes to rest (`extras/resting.py`), in place of holds."""
@@ -121,19 +118,23 @@ class ChainCheck:
 
     def __init__(self, model: CaseModel, group: GroupTables) -> None:
         self.model, self.group = model, group
+        self.delay_ns = model.facts.delay_ns
+        """How old the reads of its chains may be: as the manifest claims or, where that is too
+        much, as old as the program's are."""
         self._chains: dict[tuple[int, Window], Chain] = {}
 
     def compiled_chain(self, pieces: int, window: Window = EVERY) -> Chain:
         """The chain of a window, compiled on first use."""
         key = pieces, window
         if key not in self._chains:
-            self._chains[key] = sc_chain(self.model, self.group.states, pieces, window)
+            of = self.model, self.group.states, self.delay_ns
+            self._chains[key] = sc_chain(*of, pieces, window)
         return self._chains[key]
 
     def _window_splits(self) -> list[tuple[Window, ...]]:
         """Lists ways to split all runs into windows, in the order to try; the first is unsplit."""
-        parts = windows_of_runs(self.model, self.group.states, WINDOWS)
-        aged = windows_of_runs(self.model, self.group.states, WINDOWS, by_age=True)
+        of = self.model, self.group.states, self.delay_ns
+        parts, aged = windows_of_runs(*of), windows_of_runs(*of, by_age=True)
         return list(dict.fromkeys([(EVERY,), parts, aged]))
 
     def leads_to(
@@ -209,9 +210,9 @@ class ChainCheck:
         """Whether `leads_to` holds with finer tubes, for parts of the box and of later sets.
 
         If not, it tries each of several windows separately. If the manifest claims older reads than
-        the program has, everything after this uses the program's reads.
+        the program has, this check uses the program's reads from then on.
         """
-        facts = self.model.facts
+        own_delay_ns = self.model.facts.derived.delay
 
         def all_lead(part: list[tuple[arb, arb]], some: Sequence[Window], cuts: int) -> bool:
             return all(
@@ -222,8 +223,8 @@ class ChainCheck:
         for some in self._window_splits():
             if any(holds_in_parts(box, partial(all_lead, some=some, cuts=c), n) for n, c in LED_IN):
                 return True
-            if facts.times["d_ns"] != facts.derived.delay:
-                facts.times["d_ns"] = facts.derived.delay
+            if self.delay_ns != own_delay_ns:
+                self.delay_ns = own_delay_ns
                 self._chains.clear()
                 return self.leads_in_parts(box, holds, within, target)
         return False

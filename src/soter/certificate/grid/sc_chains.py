@@ -68,6 +68,9 @@ SPLITS = 8
 STRIP = arb(2) ** -20
 """How wide the strip outside of an end is, as a part of its axis."""
 NANOSECOND = Fraction(1, 10**9)
+WINDOWS = 4
+"""Into so many parts runs are cut by how late their first command acted, and then also by how old
+the sample was that it answers."""
 
 
 def is_grid_never_left(model: CaseModel, states: Sequence[int]) -> bool:
@@ -173,33 +176,36 @@ EVERY = Window()
 
 
 def windows_of_runs(
-    model: CaseModel, members: Sequence[int], count: int, *, by_age: bool = False
+    model: CaseModel, members: Sequence[int], delay_ns: int, *, by_age: bool = False
 ) -> tuple[Window, ...]:
-    """Splits all runs into `count` windows, or a single window if no command acts late.
+    """Splits all runs into `WINDOWS` windows, or a single window if no command acts late.
 
-    `by_age`: divides each again into `count` parts, by the age of the first sample. This needs a
-    linear flow and a single way by which SC reads everything: several ways may show several
-    instants, as may a node that combines topics, if one of them may be silent.
+    `by_age`: divides each again into `WINDOWS` parts, by the age of the first sample, `delay_ns` at
+    most. This needs a linear flow and a single way by which SC reads everything: several ways may
+    show several instants, as may a node that combines topics, if one of them may be silent.
     """
     if model.facts.kind == "map" or model.facts.has_late_commands:
         return (EVERY,)
-    counts = count if model.facts.jitter_ns else 1
+    counts = WINDOWS if model.facts.jitter_ns else 1
     paths = [path for read in model.facts.setting.by_sc for path in read.paths]
     mixed = model.facts.setting.silent and any(path.clocks[1:] for path in paths)
     by_age = by_age and len(paths) == 1 and not mixed and has_linear_rates(model, members)
-    ages = count if by_age and model.facts.delay_ns else 1
+    ages = WINDOWS if by_age and delay_ns else 1
     return tuple(Window(k, counts, age, ages) for k in range(counts) for age in range(ages))
 
 
 def sc_chain(
-    model: CaseModel, members: Sequence[int], pieces: int, window: Window = EVERY
+    model: CaseModel, members: Sequence[int], delay_ns: int, pieces: int, window: Window
 ) -> Chain:
-    """Makes the chain of a group; a hold has `pieces` times the least number of steps."""
+    """Makes the chain of a group whose reads are `delay_ns` old at most.
+
+    A hold has `pieces` times the least number of steps.
+    """
     if model.facts.kind == "map":
         step = extras.maps.map_steps_in_period(model, members)
         return Chain(step, step, None)
     facts = model.facts
-    times_ns = facts.times["delta_ns"], facts.delay_ns, facts.jitter_ns
+    times_ns = facts.times["delta_ns"], delay_ns, facts.jitter_ns
     delta, d, j = (t * NANOSECOND for t in times_ns)
     times = Times(delta, d, *window.early_and_late(j), window.sample_span(d))
     if facts.has_late_commands:

@@ -84,7 +84,7 @@ def recheck_induction(
         _show_return_in_time(facts, returns, entry["recover_ns"])
     report = RecheckedModule(entry["module"], verdicts, system=flat.name)
     report.stays = bool(facts.symbol.stay_clause)
-    report.safe = " ".join(facts.symbol.safe.span.text.split())
+    report.safe = facts.symbol.safe.span.text_on_one_line
     report.assumptions = _assumptions_of_induction(facts)
     report.times = {"hyperperiod_ns": facts.hyperperiod, "k": k, "returns": returns}
     report.confirmed = [c for c in CLAIMS if verdicts.get(c) == PROVED]

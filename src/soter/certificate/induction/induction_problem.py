@@ -203,7 +203,7 @@ def compare_entry(facts: InductionFacts, induction: Any) -> tuple[int, int]:  # 
         raise RejectedError("`induction` is not as it should be")
     verify = facts.symbol.verify
     for name, stated in (("lemmas", verify.lemmas), ("progress", verify.progress)):
-        if induction[name] != [" ".join(e.span.text.split()) for e in stated]:
+        if induction[name] != [e.span.text_on_one_line for e in stated]:
             raise RejectedError(f"`{name}`: the program says something else")
     if type(induction["latching"]) is not bool:
         raise RejectedError("`latching` is no truth")

@@ -78,7 +78,7 @@ def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedM
     assumed = [*_map_assumptions(problem), *_largest_assumptions(problem), SOUND]
     report.assumptions = [*assumptions_of(facts), *(RecheckAssumption(*a) for a in assumed)]
     report.stays = bool(facts.symbol.stay_clause)
-    report.safe = " ".join(facts.symbol.safe.span.text.split())
+    report.safe = facts.symbol.safe.span.text_on_one_line
     report.times = {**facts.times, "start_ns": facts.start_ns, "alpha_ns": problem.times.alpha}
     report.in_flight = "P2a" in claims  # else nothing is shown of what its DM decides
     report.vacuous, report.unseen = why_safe_says_nothing(facts), "its DM decides in flight"

@@ -37,6 +37,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from flint import arb
 
 from soter.certificate.grid.flow_chains import NOW
+from soter.certificate.grid.flow_enclosures import is_within
 from soter.certificate.reading.case_model import ends_of_other_states, new_command_terms
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain, compile_lines, form_of_box
@@ -250,22 +251,17 @@ def _leads_back(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, pi
     body, late = StateSet.from_box(start), bool(chain.span)
     try:
         for n in range(holds + 1):
-            if n and not late and is_inside(body.box, end):
+            if n and not late and is_within(body.box, end):
                 return True
             body, boxes = chain.follow_hold(body, pieces)
             for k, box in enumerate(boxes):
-                if not is_inside(box, way):
+                if not is_within(box, way):
                     return False
-                if n and late and k == 0 and is_inside(box, end):
+                if n and late and k == 0 and is_within(box, end):
                     return True
     except NotCertainError:
         return False
     return False
-
-
-def is_inside(box: Box, other: Box) -> bool:
-    """Whether a box lies in another box."""
-    return all(a >= c and b <= d for (a, b), (c, d) in zip(box, other, strict=True))
 
 
 def _box_of_states(ranges: Ranges, states: tuple[int, ...]) -> Box:

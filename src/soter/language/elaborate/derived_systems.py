@@ -21,7 +21,15 @@ from soter.language.model.system import InputDrive, Scope
 from soter.language.model.tree_walk import mode_reads
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import (
+        Callable,
+        Collection,
+        Container,
+        Iterable,
+        Iterator,
+        Mapping,
+        Sequence,
+    )
 
     from soter.language.model.system import (
         Component,
@@ -221,9 +229,9 @@ def with_topic(
     The new topic has no queues, as the queues of `like` collect only values published on `like`.
     """
     taken = {t.name for t in system.topics} | {t.symbol.name for t in system.topics}
-    symbol = replace(symbol, name=_unused_name(symbol.name, taken))
+    symbol = replace(symbol, name=unused_name(symbol.name, taken))
     index = len(system.topics)
-    name = _unused_name(name, taken)
+    name = unused_name(name, taken)
     new = {"queues": (), **changes}
     made = replace(like, index=index, name=name, symbol=symbol, **new)  # type: ignore[arg-type]
     return replace(system, topics=(*system.topics, made)), made
@@ -365,7 +373,8 @@ def _reads_only_remaining(p: Property, at: Mapping[int, int], placed: Mapping[in
     return all(i in at for i in seen) and read.keys() <= present
 
 
-def _unused_name(name: str, taken: Collection[str]) -> str:
+def unused_name(name: str, taken: Container[str]) -> str:
+    """The name with underscores appended until it is not taken, or not in a taken text."""
     while name in taken:
         name += "_"
     return name

@@ -227,7 +227,7 @@ def find_way_back(case: Case) -> None:
         proof.find_recovery(case, target)
     times = case.problem.times
     longest = max((p.return_ns for p in case.proofs), default=0)
-    case.counts["recover_ns"] = longest + times.between_states + times.response_dm
+    case.counts["recover_ns"] = longest + times.schedule.longest_to_decision
     check_return_time(case)
 
 

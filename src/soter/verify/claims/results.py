@@ -477,7 +477,7 @@ class VerifyReport:
             name = m.name.removesuffix(f" as {m.problem.view}")
             views = m.problem.whole  # the module as it flies, beside the plants of a view
             module = m.problem.module if views is None else views.modules[0]
-            safe_by_module[name] = " ".join(module.symbol.safe.span.text.split()) + m.verdict_note
+            safe_by_module[name] = module.symbol.safe.span.text_on_one_line + m.verdict_note
         return safe_by_module
 
     @property

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System, Topic
     from soter.verify.claims.results import ModuleResult
     from soter.verify.deploy.dm_test_cases import Points
-    from soter.verify.deploy.level_tables import EstimateSamples, LevelTable
+    from soter.verify.deploy.level_tables import EstimateSamples
     from soter.verify.problem.problem import Problem
 
     Place = tuple[int, float]
@@ -125,7 +125,7 @@ def expected_mode(
 def check_decisions(
     system: System,
     core: CoreSystem | None = None,
-    level_tables: Sequence[LevelTable] = (),
+    level_tables: Sequence[GroupTable] = (),
     leaves_of: Mapping[int, tuple[int, int]] | None = None,
     change: Callable[[str], str] | None = None,
     acted_ns: int | None = 0,
@@ -161,7 +161,7 @@ def check_module(result: ModuleResult) -> DMCheck:
     return check_problem(problem, [])
 
 
-def check_problem(problem: Problem, level_tables: Sequence[LevelTable]) -> DMCheck:
+def check_problem(problem: Problem, level_tables: Sequence[GroupTable]) -> DMCheck:
     """Checks the DM of a module, whose computed predicates, if any, have these tables."""
     system = derived_systems.without_bindings(problem.whole or problem.system)
     module = system.modules[problem.module.index]
@@ -306,8 +306,8 @@ class _Inputs:
 
     def _fresh_state(
         self,
-        table: LevelTable,
-        others: Sequence[LevelTable],
+        table: GroupTable,
+        others: Sequence[GroupTable],
         leaves_of: Mapping[int, tuple[int, int]],
     ) -> tuple[bytearray, NDArray[np.uintp]] | None:
         """A fresh state, with `others` in S_(m-2), and the offsets of `table`'s states; or None."""
@@ -333,8 +333,8 @@ class _Inputs:
 
     def try_level_table(
         self,
-        table: LevelTable,
-        others: Sequence[LevelTable],
+        table: GroupTable,
+        others: Sequence[GroupTable],
         leaves_of: Mapping[int, tuple[int, int]],
         acted_ns: int | None,
     ) -> None:
@@ -366,14 +366,14 @@ class _Inputs:
             where = points[k].tolist()
             self.check.add_failure(f"at {where} its level is {got[k]}, not {levels[k]}")
 
-    def _acting_commands(self, table: LevelTable, acted_ns: int | None) -> Iterator[ActingCommands]:
+    def _acting_commands(self, table: GroupTable, acted_ns: int | None) -> Iterator[ActingCommands]:
         """Yields pairs of a cell of the held command and a cell of a command that may still act.
 
         Each pair has the offsets and values of both, and the samples that permit both. If
         `acted_ns` is None, only the held command acts.
         """
         shield = self.module.shield
-        if shield is None or not isinstance(table, GroupTable) or table.commands is None:
+        if shield is None or table.commands is None:
             return
         if table.commands.control is None:
             return

@@ -166,25 +166,6 @@ class LevelTable(ABC):
     two_levels = False
     """Whether there is no level 1."""
 
-    @property
-    @abstractmethod
-    def ends(self) -> tuple[tuple[float, ...], ...]:
-        """For each state the numbers that divide its values into classes for tests of the DM."""
-
-    @abstractmethod
-    def share_of_volume(self, group: Group) -> float:
-        """The share of the volume of its group's ranges that lies in S_0."""
-
-    @property
-    @abstractmethod
-    def point_inside(self) -> tuple[float, ...] | None:
-        """A point well inside S_(m-2), with a number per state; None if S_(m-2) is empty."""
-
-    @property
-    @abstractmethod
-    def samples(self) -> EstimateSamples | None:
-        """Estimates for trials of the compiled function; None if all have the same level."""
-
     @abstractmethod
     def function(self, w: Writer, name: str) -> FunSymbol:
         """The function `fun level(x0: float, ...): int`, which finds the level of an estimate."""

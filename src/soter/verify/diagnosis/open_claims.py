@@ -143,7 +143,7 @@ def _explain_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: Go
     if isinstance(proof, GridProof) and not proof.found.allowed.any():
         why, cause = "there is no C", _cause_without_c(model)
     else:
-        search = _search_leaving_run(case, model, _go_on_for(RUNS_S, go_on))
+        search = _search_run_of_model(case, model, _go_on_for(RUNS_S, go_on))
         finding.leaving = search.soonest
         if search.soonest is not None:
             why, cause = _leaving_cause(search, case)
@@ -298,7 +298,7 @@ def _no_run_cause(
     return Cause("no_run", text, "", numbers), "; ".join((*advice, SMALLER))
 
 
-def _search_leaving_run(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:
+def _search_run_of_model(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:
     """Searches for the run that leaves C soonest, from the declared start, then from others."""
     last = LeavingSearch()
     for start, whose in _start_points(case, model):

@@ -16,7 +16,6 @@ from __future__ import annotations
 import re
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -438,14 +437,6 @@ class CompiledEnclosures:
         ranges = [(i.low, i.high) for i in (*inputs, *problem.others)]
         self.whole: Floats = np.array(ranges, dtype=np.float64).reshape(-1, 2)
         """The box of all inputs, each over its whole range."""
-
-    def with_ranges(self, ranges: Mapping[int, tuple[float, float]]) -> CompiledEnclosures:
-        """A copy in which some inputs have other ranges in `whole`, the box of all inputs."""
-        forms = copy(self)
-        forms.whole = self.whole.copy()
-        for i, r in ranges.items():
-            forms.whole[i] = r
-        return forms
 
     def affine_results(self, name: str, forms: Floats, count: int) -> Floats | None:
         """Affine forms of a function's results, (count, 4 + inputs); None if a fault is possible.

@@ -22,7 +22,7 @@
  *
  * Few of many inputs matter at a time: soter_symbols finds those, soter_n_take numbers them 0 to
  * n - 1, every operation soter_n_NAME then works on n symbols, and soter_n_give undoes the
- * numbering. soter_form_NAME is the operation on all SOTER_INPUTS of them.
+ * numbering.
  *
  * Non-goals: sets of states (soter_reach.h), functions of the prelude (soter_form_math.h).
  */
@@ -800,49 +800,5 @@ SOTER_OPERATION void soter_n_gate(int n, soter_form* out, const soter_form* a, d
 
 #include "soter_form_ints.h"
 #include "soter_form_math.h"
-
-/* ------------------------------------------------------------------ on all symbols */
-
-#define soter_form_abs(...) soter_n_abs(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_acos(...) soter_n_acos(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_add(...) soter_n_add(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_asin(...) soter_n_asin(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_at_least(...) soter_n_at_least(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_at_most(...) soter_n_at_most(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_atan(...) soter_n_atan(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_atan2(...) soter_n_atan2(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_copy(...) soter_n_copy(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_cos(...) soter_n_cos(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_div(...) soter_n_div(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_exp(...) soter_n_exp(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_floor(...) soter_n_floor(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_gate(...) soter_n_gate(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_gather(...) soter_n_gather(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_hypot(...) soter_n_hypot(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_inverse(...) soter_n_inverse(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_join(...) soter_n_join(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_log(...) soter_n_log(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_max(...) soter_n_max(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_merge(...) soter_n_merge(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_min(...) soter_n_min(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_mul(...) soter_n_mul(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_neg(...) soter_n_neg(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_over(...) soter_n_over(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_pow(...) soter_n_pow(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_range(...) soter_n_range(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_scale(...) soter_n_scale(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_select(...) soter_n_select(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_shift(...) soter_n_shift(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_sin(...) soter_n_sin(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_sqrt(...) soter_n_sqrt(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_square(...) soter_n_square(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_sub(...) soter_n_sub(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_table(...) soter_n_table(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_tan(...) soter_n_tan(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_tanh(...) soter_n_tanh(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_to_float(...) soter_n_to_float(SOTER_INPUTS, __VA_ARGS__)
-#define soter_form_top(...) soter_n_top(SOTER_INPUTS, __VA_ARGS__)
-#define soter_less(...) soter_n_less(SOTER_INPUTS, __VA_ARGS__)
-#define soter_at_most(...) soter_n_no_more(SOTER_INPUTS, __VA_ARGS__)
 
 #endif

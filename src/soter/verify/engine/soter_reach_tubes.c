@@ -258,7 +258,7 @@ int64_t soter_reach_truth(const soter_reach_group* g, const double* low, const d
   return run_over_tiles(&job, first_tile, seconds, threads);
 }
 
-/* Images and tubes of `holds` holds from a box, for tests and refutation: [hold][axis][lo, hi].
+/* Images and tubes of `holds` holds from a box, for tests: [hold][axis][lo, hi].
  * Returns how many could be bounded. */
 int soter_reach_run(const soter_reach_group* g, const double* low, const double* high,
                     int32_t holds, double* images, double* tubes) {

@@ -136,17 +136,13 @@ class GridGroup(GridModel):
         """The cells, in the grid's shape, on which the predicate is true all over without fault."""
         return np.asarray(self.truth_bits(predicate, ranges=ranges) == 2)
 
-    def cells_maybe_true(
-        self, predicate: str, *, ranges: Mapping[int, tuple[float, float]] | None = None
-    ) -> Bools:
+    def cells_maybe_true(self, predicate: str) -> Bools:
         """The cells, in the grid's shape, where the predicate may be true with some error in E."""
-        return np.asarray((self.truth_bits(predicate, ranges=ranges) & 6) != 0)
+        return np.asarray((self.truth_bits(predicate) & 6) != 0)
 
-    def cells_maybe_false(
-        self, predicate: str, *, ranges: Mapping[int, tuple[float, float]] | None = None
-    ) -> Bools:
+    def cells_maybe_false(self, predicate: str) -> Bools:
         """The cells, in the grid's shape, where the predicate may be false with some error in E."""
-        return np.asarray((self.truth_bits(predicate, ranges=ranges) & 5) != 0)
+        return np.asarray((self.truth_bits(predicate) & 5) != 0)
 
     def compute_constraint(
         self, *, hint: bool = False, ranges: Mapping[int, tuple[float, float]] | None = None
@@ -266,13 +262,12 @@ class GridGroup(GridModel):
         del memory_of_rounds
         return Core(witness, int(w.r.rounds), sum(w.r.steps), sum(w.r.vain), spent)
 
-    def cells_safe_for(self, t_ns: int, target: Bools, *, segments: int | None = None) -> Bools:
+    def cells_safe_for(self, t_ns: int, target: Bools) -> Bools:
         """The set R(t) of a target, the cells from which no command of U leads out within t.
 
         Every run over [0, t] under any measurable command stays in the target. For a map, t is a
-        whole number of periods. `segments` is the number of pieces of a flow's tube; None doubles
-        the number as long as this adds cells, and a cell that was shown stays shown. Sets have the
-        grid's shape.
+        whole number of periods. The number of pieces of a flow's tube is doubled as long as this
+        adds cells, and a cell that was shown stays shown. Sets have the grid's shape.
         """
         assert t_ns >= 0
         period = self.inputs.map_step_ns or self.inputs.period_ns
@@ -281,12 +276,11 @@ class GridGroup(GridModel):
         if self.inputs.kind == "map":
             assert t_ns % period == 0, "a map is defined at multiples of its period"
             return self._cells_safe_in_pieces(t_ns, target, np.zeros_like(target), t_ns // period)
-        few, most, worth = max(1, -(-t_ns // period)), STEPS_MAX, WORTH_A_STEP
+        pieces, most, worth = max(1, -(-t_ns // period)), STEPS_MAX, WORTH_A_STEP
         if self.is_linear:
-            few, most, worth = SEGMENTS, SEGMENTS_MAX, WORTH_IT
-        pieces = segments or few
+            pieces, most, worth = SEGMENTS, SEGMENTS_MAX, WORTH_IT
         cells = self._cells_safe_in_pieces(t_ns, target, np.zeros_like(target), pieces)
-        while segments is None and 2 * pieces <= most and not cells.all():
+        while 2 * pieces <= most and not cells.all():
             pieces *= 2
             more = self._cells_safe_in_pieces(t_ns, target, cells, pieces)
             gained = int(more.sum()) - int(cells.sum())
@@ -364,7 +358,10 @@ class GridGroup(GridModel):
     def images_and_tubes(
         self, low: Sequence[float] | Floats, high: Sequence[float] | Floats, holds: int
     ) -> list[Floats]:
-        """The images and tubes (k, axes, 2) from a box, after each of up to `holds` SC periods."""
+        """The images and tubes (k, axes, 2) from a box, after each of up to `holds` SC periods.
+
+        It is there for tests.
+        """
         n = len(self.axes)
         ends = [np.array(v, dtype=np.float64) for v in (low, high)]
         images, tubes = (np.zeros((holds, n, 2)) for _ in range(2))

@@ -106,7 +106,7 @@ def _properties_to_show(module: Module) -> list[Property]:
             "progress" if e in progress else "always",
             e,
             module.scope,
-            " ".join(e.span.text.split()),
+            e.span.text_on_one_line,
             e.span,
         )
         for k, e in enumerate(asked)
@@ -268,7 +268,7 @@ def _followed_nodes(
     any_value: dict[str, str] = {}
     heard: list[int] = []
     while todo:
-        index = _queue_source(flat, todo.pop())
+        index = flat.topics[todo.pop()].source
         if index in seen or index in module.outputs:
             continue
         seen.add(index)
@@ -288,12 +288,6 @@ def _followed_nodes(
     return list(nodes), any_value, heard
 
 
-def _queue_source(flat: System, topic: int) -> int:
-    """The topic itself; if it is a queue, the topic whose values it collects."""
-    source = flat.topics[topic].queue_of
-    return topic if source is None else source
-
-
 def _sources_in_words(flat: System, module: Module, writers: list[Component]) -> str:
     """The plant or other module on which the writers of a topic depend, in words; "" if none."""
     todo, seen = list(writers), set(module.outputs)
@@ -302,7 +296,7 @@ def _sources_in_words(flat: System, module: Module, writers: list[Component]) ->
         if c.plant is not None or c.module not in (None, module.index):
             return f"published by {writers[0].name}, which hears {c.role} {c.name}"
         for read in () if c.extern else _topics_of_node(c):
-            index = _queue_source(flat, read)
+            index = flat.topics[read].source
             if index not in seen:
                 seen.add(index)
                 todo += [w for w in flat.components if index in w.writes]

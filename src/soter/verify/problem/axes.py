@@ -226,7 +226,7 @@ class Axes:
         for c in self.place.plants:
             for topic, value in c.plant.drives if c.plant is not None else ():
                 if topic is item.topic:
-                    text = " ".join(value.span.text.split())
+                    text = value.span.text_on_one_line
                     return (f"plant `{c.name}` drives `{topic.name}` as `{text}`",)
         return ()
 

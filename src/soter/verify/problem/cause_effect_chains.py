@@ -106,8 +106,7 @@ def _paths_to_plant(
 def _topics_read(place: VerificationSystem, c: Component) -> set[int]:
     """The topics that a node reads, including those that a queue collects for it."""
     assert c.node is not None
-    topics = [place.flat.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
-    return {t.index if t.queue_of is None else t.queue_of for t in topics}
+    return {place.flat.topics[c.scope.topics[s.topic]].source for s in c.node.subscribes}
 
 
 def _downstream_path(place: VerificationSystem, nodes: tuple[Component, ...]) -> DownstreamPath:
@@ -180,8 +179,7 @@ def _reads_sensors(place: VerificationSystem, node: Component, behind: set[Compo
         c = todo.pop()
         assert c.node is not None
         named = topics_read_in_step(c.node)  # a subscribed topic that it never reads is no sensor
-        topics = [flat.topics[c.scope.topics[t]] for t in named]
-        read = {t.index if t.queue_of is None else t.queue_of for t in topics}
+        read = {flat.topics[c.scope.topics[t]].source for t in named}
         for other in flat.components:
             if read & _topics_driven_by(other):
                 return True

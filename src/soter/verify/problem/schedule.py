@@ -341,19 +341,6 @@ class Schedule:
         latest = max(o.time_to_effect(self.sc, self.latest_output) for o in self.outputs)
         return self.age_sc + self.sc.period + latest
 
-    def due_by(self, release: int) -> int:
-        """The instant in ns by which SC has published the output of its step at `release`.
-
-        SC starts J_sc late at most, or when the last DM released by then has given its verdict.
-        R_sc later it has published. At this instant the lease of the step before ends
-        (docs/proof.md, "When the trusted part stops").
-        """
-        starts = release + self.sc.late
-        if self.dm.phase <= release:
-            last = release - (release - self.dm.phase) % self.dm.period
-            starts = max(starts, last + self.dm.latest)
-        return starts + self.sc.response
-
     @cached_property
     def lease(self) -> int:
         """The longest time from a release of SC to the end of the lease given by its step.

@@ -135,7 +135,7 @@ def note_on_ages(ttf: TypedExpr | None) -> tuple[str, ...]:
     left = ttf_of_states(ttf)
     if ttf is None or left is None or left is ttf:
         return ()
-    parts = [" ".join(p.span.text.split()) for p in disjuncts(ttf) if _reads_age(p)]
+    parts = [p.span.text_on_one_line for p in disjuncts(ttf) if _reads_age(p)]
     return (AGES.format(" or ".join(f"`{p}`" for p in parts)),)
 
 

@@ -11,11 +11,11 @@ from math import ceil, floor, isfinite, log10
 from soter.language.model.types import write_ns
 
 
-def rounded_outward(value: float, *, up: bool, digits: int = 2) -> float:
-    """The number `value`, rounded up or down to `digits` digits."""
+def rounded_outward(value: float, *, up: bool) -> float:
+    """The number `value`, rounded up or down to two digits."""
     if value == 0.0 or not isfinite(value):
         return float(value)
-    unit = 10.0 ** (floor(log10(abs(value))) - digits + 1)
+    unit = 10.0 ** (floor(log10(abs(value))) - 1)
     count = value / unit
     return float(f"{(ceil(count - 1e-9) if up else floor(count + 1e-9)) * unit:.12g}")
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from soter.language.model.typed import FunSymbol
     from soter.verify.deploy.level_tables import Writer
     from soter.verify.deploy.shield_tables import ShieldWriter
-    from soter.verify.problem.problem import Group, Interval, Problem
+    from soter.verify.problem.problem import Interval, Problem
     from soter.verify.tubes.tube_check import TubeCheck
 
 
@@ -42,10 +42,6 @@ class TubeLevels(LevelTable):
     rest: object = None
     """The constants of the check, as a certificate has them (`rest_entry`)."""
     two_levels = True
-    ends = ()
-    """Empty: there are no cells, so no breakpoints."""
-    point_inside = None
-    samples = None
 
     @classmethod
     def of_check(cls, check: TubeCheck, ways: Mapping[int, Interval], rest: object) -> TubeLevels:
@@ -58,10 +54,6 @@ class TubeLevels(LevelTable):
     def functions_by_name(self) -> Mapping[str, FunSymbol]:
         """The functions of the check in flight, by name."""
         return functions_of(self.text)
-
-    def share_of_volume(self, group: Group) -> float:
-        """Raises `NotImplementedError`, because tubes have no groups of cells."""
-        raise NotImplementedError
 
     def function(self, w: Writer, name: str) -> FunSymbol:
         """The function `fun level(x0: float, ...): int`."""

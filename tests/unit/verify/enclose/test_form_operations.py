@@ -44,21 +44,21 @@ ROUNDED = frozenset(("square", "add", "sub", "mul", "div", *RANGE))
 def c_text() -> str:
     """Wrappers of one shape around all operations."""
     lines = [f"#define SOTER_INPUTS {INPUTS}", '#include "soter_form.h"']
-    calls = {n: f"soter_form_{n}(out, &in[0])" for n in UNARY}
-    calls |= {n: f"soter_form_{n}(out, &in[0], &in[1])" for n in BINARY}
-    calls |= {n: f"soter_form_{n}(out, &in[0], in[1].lo)" for n in CONSTANT}
-    calls |= {n: f"soter_form_{n}(out, &in[0], in[1].lo, in[1].hi)" for n in RANGE}
+    calls = {n: f"soter_n_{n}(SOTER_INPUTS, out, &in[0])" for n in UNARY}
+    calls |= {n: f"soter_n_{n}(SOTER_INPUTS, out, &in[0], &in[1])" for n in BINARY}
+    calls |= {n: f"soter_n_{n}(SOTER_INPUTS, out, &in[0], in[1].lo)" for n in CONSTANT}
+    calls |= {n: f"soter_n_{n}(SOTER_INPUTS, out, &in[0], in[1].lo, in[1].hi)" for n in RANGE}
     for n in ENCLOSED:
         more = ", &in[1]" if len(BOUNDS[n].domain) == 2 else ""
-        calls[n] = f"soter_form_{n}(out, &in[0]{more}, in[2].lo)"
+        calls[n] = f"soter_n_{n}(SOTER_INPUTS, out, &in[0]{more}, in[2].lo)"
     signature = "(const soter_form in[], soter_form out[])"
     for name, call in calls.items():
         lines.append(f"void wrap_{name}{signature};")
         lines.append(f"void wrap_{name}{signature} {{ {call}; }}")
     lines.append("unsigned compare(const soter_form in[], int op);")
     lines.append("unsigned compare(const soter_form in[], int op) {")
-    lines.append("  return op == 0   ? soter_less(&in[0], &in[1])")
-    lines.append("         : op == 1 ? soter_at_most(&in[0], &in[1])")
+    lines.append("  return op == 0   ? soter_n_less(SOTER_INPUTS, &in[0], &in[1])")
+    lines.append("         : op == 1 ? soter_n_no_more(SOTER_INPUTS, &in[0], &in[1])")
     lines.append("                   : soter_equal(&in[0], &in[1]);\n}")
     return "\n".join(lines) + "\n"
 

@@ -12,6 +12,9 @@ from soter.verify.enclose.compiled_enclosures import ReachLibrary
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from soter.core.layout import Bools
+    from soter.verify.grid.sets import GridGroup
+
     Floats = npt.NDArray[np.float64]
 
 HEAD = '#define SOTER_INPUTS {n}\n#include "soter_form.h"\n'
@@ -25,23 +28,23 @@ CAR = (
     + """  soter_form p, v, a, b, s;
   const double kp = 1e-3 * (double)param[0], kv = 1e-3 * (double)param[1];
   const double brake = 1e-3 * (double)param[2];
-  soter_form_add(&p, &in[0], &in[4]);
-  soter_form_add(&v, &in[1], &in[5]);
-  soter_form_scale(&a, &p, -kp, -kp);
-  soter_form_scale(&b, &v, -kv, -kv);
-  soter_form_add(&s, &a, &b);
-  soter_form_at_most(&a, &s, brake);
-  soter_form_at_least(&out[0], &a, -brake);
+  soter_n_add(SOTER_INPUTS, &p, &in[0], &in[4]);
+  soter_n_add(SOTER_INPUTS, &v, &in[1], &in[5]);
+  soter_n_scale(SOTER_INPUTS, &a, &p, -kp, -kp);
+  soter_n_scale(SOTER_INPUTS, &b, &v, -kv, -kv);
+  soter_n_add(SOTER_INPUTS, &s, &a, &b);
+  soter_n_at_most(SOTER_INPUTS, &a, &s, brake);
+  soter_n_at_least(SOTER_INPUTS, &out[0], &a, -brake);
 """
     + END.format()
     + SIGNATURE.format(name="derivative", type="soter_form")
-    + "  out[0] = in[1];\n  soter_form_add(&out[1], &in[2], &in[3]);\n"
+    + "  out[0] = in[1];\n  soter_n_add(SOTER_INPUTS, &out[1], &in[2], &in[3]);\n"
     + END.format()
     + SIGNATURE.format(name="safe", type="soter_truth")
     + """  soter_form wall, size;
-  soter_form_range(&wall, 1.5, 1.5);
-  soter_form_abs(&size, &in[0]);
-  out[0] = soter_at_most(&size, &wall);
+  soter_n_range(SOTER_INPUTS, &wall, 1.5, 1.5);
+  soter_n_abs(SOTER_INPUTS, &size, &in[0]);
+  out[0] = soter_n_no_more(SOTER_INPUTS, &size, &wall);
 """
     + END.format()
 )
@@ -51,11 +54,11 @@ CAR = (
 PENDULUM = (
     SIGNATURE.format(name="law", type="soter_form")
     + """  soter_form a, b, s;
-  soter_form_scale(&a, &in[0], -KP, -KP);
-  soter_form_scale(&b, &in[1], -KV, -KV);
-  soter_form_add(&s, &a, &b);
-  soter_form_at_most(&a, &s, BRAKE);
-  soter_form_at_least(&out[0], &a, -BRAKE);
+  soter_n_scale(SOTER_INPUTS, &a, &in[0], -KP, -KP);
+  soter_n_scale(SOTER_INPUTS, &b, &in[1], -KV, -KV);
+  soter_n_add(SOTER_INPUTS, &s, &a, &b);
+  soter_n_at_most(SOTER_INPUTS, &a, &s, BRAKE);
+  soter_n_at_least(SOTER_INPUTS, &out[0], &a, -BRAKE);
 """
     + END.format()
     + SIGNATURE.format(name="derivative", type="soter_form")
@@ -63,17 +66,17 @@ PENDULUM = (
   const double most = soter_size(&in[0]);
   const double rest = most * most * most * most * most / 119.0;
   out[0] = in[1];
-  soter_form_square(&square, &in[0]);
-  soter_form_mul(&cube, &square, &in[0]);
-  soter_form_scale(&a, &cube, -1.0 / 6.0, -1.0 / 6.0);
-  soter_form_add(&b, &in[0], &a);
-  soter_form_shift(&sine, &b, -rest - 1e-15, rest + 1e-15);
-  soter_form_abs(&size, &in[1]);
-  soter_form_mul(&a, &size, &in[1]);
-  soter_form_scale(&drag, &a, 0.2, 0.2);
-  soter_form_add(&a, &in[2], &in[3]);
-  soter_form_sub(&b, &a, &sine);
-  soter_form_sub(&out[1], &b, &drag);
+  soter_n_square(SOTER_INPUTS, &square, &in[0]);
+  soter_n_mul(SOTER_INPUTS, &cube, &square, &in[0]);
+  soter_n_scale(SOTER_INPUTS, &a, &cube, -1.0 / 6.0, -1.0 / 6.0);
+  soter_n_add(SOTER_INPUTS, &b, &in[0], &a);
+  soter_n_shift(SOTER_INPUTS, &sine, &b, -rest - 1e-15, rest + 1e-15);
+  soter_n_abs(SOTER_INPUTS, &size, &in[1]);
+  soter_n_mul(SOTER_INPUTS, &a, &size, &in[1]);
+  soter_n_scale(SOTER_INPUTS, &drag, &a, 0.2, 0.2);
+  soter_n_add(SOTER_INPUTS, &a, &in[2], &in[3]);
+  soter_n_sub(SOTER_INPUTS, &b, &a, &sine);
+  soter_n_sub(SOTER_INPUTS, &out[1], &b, &drag);
 """
     + END.format()
 )
@@ -82,22 +85,22 @@ PENDULUM = (
 HILL = (
     SIGNATURE.format(name="law", type="soter_form")
     + """  soter_form a, b, s;
-  soter_form_scale(&a, &in[0], -KP, -KP);
-  soter_form_scale(&b, &in[1], -KV, -KV);
-  soter_form_add(&s, &a, &b);
-  soter_form_at_most(&a, &s, 1.0);
-  soter_form_at_least(&out[0], &a, -1.0);
+  soter_n_scale(SOTER_INPUTS, &a, &in[0], -KP, -KP);
+  soter_n_scale(SOTER_INPUTS, &b, &in[1], -KV, -KV);
+  soter_n_add(SOTER_INPUTS, &s, &a, &b);
+  soter_n_at_most(SOTER_INPUTS, &a, &s, 1.0);
+  soter_n_at_least(SOTER_INPUTS, &out[0], &a, -1.0);
 """
     + END.format()
     + SIGNATURE.format(name="next", type="soter_form")
     + """  soter_form a, b, s;
-  soter_form_scale(&a, &in[2], 0.1, 0.1);
-  soter_form_add(&s, &in[1], &a);
-  soter_form_scale(&b, &in[0], 0.05, 0.05);
-  soter_form_sub(&a, &s, &b);
-  soter_form_at_most(&b, &a, 0.5);
-  soter_form_at_least(&out[1], &b, -0.5);
-  soter_form_add(&out[0], &in[0], &out[1]);
+  soter_n_scale(SOTER_INPUTS, &a, &in[2], 0.1, 0.1);
+  soter_n_add(SOTER_INPUTS, &s, &in[1], &a);
+  soter_n_scale(SOTER_INPUTS, &b, &in[0], 0.05, 0.05);
+  soter_n_sub(SOTER_INPUTS, &a, &s, &b);
+  soter_n_at_most(SOTER_INPUTS, &b, &a, 0.5);
+  soter_n_at_least(SOTER_INPUTS, &out[1], &b, -0.5);
+  soter_n_add(SOTER_INPUTS, &out[0], &in[0], &out[1]);
 """
     + END.format()
 )
@@ -136,6 +139,11 @@ def hill(kp: float, kv: float) -> ReachLibrary:
     return ReachLibrary(_source(HILL, 3, {"KP": kp, "KV": kv}), QUICK)
 
 
+def safe_in_pieces(engine: GridGroup, t_ns: int, target: Bools, pieces: int) -> Bools:
+    """R(t) by tubes of so many pieces; the engine itself takes more of them while that pays off."""
+    return engine._cells_safe_in_pieces(t_ns, target, np.zeros_like(target), pieces)
+
+
 def corner(rng: np.random.Generator, low: float, high: float, shape: tuple[int, ...]) -> Floats:
     """Draws in [low, high], mostly at its ends."""
     inside = rng.uniform(low, high, shape)
@@ -148,12 +156,16 @@ def linear_source(a: Floats, b: Floats, gains: Floats, limit: float) -> str:
     n, m = b.shape
 
     def combined(target: str, weights: Floats, first: int, more: str = "") -> list[str]:
-        lines = ["    soter_form sum, part, next;", "    soter_form_range(&sum, 0.0, 0.0);"]
+        lines = [
+            "    soter_form sum, part, next;",
+            "    soter_n_range(SOTER_INPUTS, &sum, 0.0, 0.0);",
+        ]
         for k, weight in enumerate(weights):
             if weight:
                 lines += [
-                    f"    soter_form_scale(&part, &in[{first + k}], {weight!r}, {weight!r});",
-                    "    soter_form_add(&next, &sum, &part);",
+                    f"    soter_n_scale(SOTER_INPUTS, &part, &in[{first + k}], {weight!r},",
+                    f"                  {weight!r});",
+                    "    soter_n_add(SOTER_INPUTS, &next, &sum, &part);",
                     "    sum = next;",
                 ]
         return ["  {", *lines, more, f"    {target} = sum;", "  }"]
@@ -161,8 +173,8 @@ def linear_source(a: Floats, b: Floats, gains: Floats, limit: float) -> str:
     law = []
     for k in range(m):
         clamped = (
-            f"    soter_form_at_most(&part, &sum, {limit!r});\n"
-            f"    soter_form_at_least(&sum, &part, {-limit!r});"
+            f"    soter_n_at_most(SOTER_INPUTS, &part, &sum, {limit!r});\n"
+            f"    soter_n_at_least(SOTER_INPUTS, &sum, &part, {-limit!r});"
         )
         law += combined(f"out[{k}]", -gains[k], 0, clamped)
     rate = []

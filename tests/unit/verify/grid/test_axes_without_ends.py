@@ -17,6 +17,7 @@ from soter.language.front_end import check_file, system_of
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.extract import extract
+from unit.verify.grid.small_enclosure_units import safe_in_pieces
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -215,7 +216,7 @@ def test_a_cell_without_an_end_is_judged_by_its_farthest_states() -> None:
 def test_under_any_command_it_is_judged_by_them_as_well() -> None:
     engine, _ = engine_of(FALLING)
     target = engine.compute_constraint()
-    free = engine.cells_safe_for(4_000_000_000, target, segments=64)
+    free = safe_in_pieces(engine, 4_000_000_000, target, 64)
     slow = int(np.searchsorted(engine.edges[1], 0.0))
     assert not free[-1, slow:].any()
     assert free[1, slow]

@@ -14,7 +14,7 @@ import pytest
 from soter.verify.grid.grid_problem import GridInputs
 from soter.verify.grid.sets import GridGroup
 from unit.verify.grid.grid_adversary import Car
-from unit.verify.grid.small_enclosure_units import END, HEAD, SIGNATURE, car, linear
+from unit.verify.grid.small_enclosure_units import END, HEAD, SIGNATURE, car, linear, safe_in_pieces
 from unit.verify.grid.test_grid_enclosures import MS, group_of
 
 if TYPE_CHECKING:
@@ -41,10 +41,10 @@ PUSHED = (
     HEAD.format(n=4)
     + SIGNATURE.format(name="law", type="soter_form")
     + """  soter_form a, b;
-  soter_form_scale(&a, &in[0], -100.0, -100.0);
-  soter_form_at_most(&b, &a, 1.0);
-  soter_form_at_least(&out[0], &b, -1.0);
-  soter_form_range(&out[1], 0.0, 0.0);
+  soter_n_scale(SOTER_INPUTS, &a, &in[0], -100.0, -100.0);
+  soter_n_at_most(SOTER_INPUTS, &b, &a, 1.0);
+  soter_n_at_least(SOTER_INPUTS, &out[0], &b, -1.0);
+  soter_n_range(SOTER_INPUTS, &out[1], 0.0, 0.0);
 """
     + END.format()
     + SIGNATURE.format(name="derivative", type="soter_form")
@@ -166,9 +166,9 @@ def test_every_piece_of_a_tube_is_looked_at() -> None:
     engine = group_of(CARS[0], cells=64)
     target = np.ones(engine.shape, dtype=bool)
     target[40, :] = False
-    one = engine.cells_safe_for(300 * MS, target, segments=1)
+    one = safe_in_pieces(engine, 300 * MS, target, 1)
     for pieces in (2, 3, 4):
-        several = engine.cells_safe_for(300 * MS, target, segments=pieces)
+        several = safe_in_pieces(engine, 300 * MS, target, pieces)
         fast = engine.edges[1][:-1] > 3.0  # beyond the wall long before the end
         assert not several[36:40, fast].any()
         assert several.sum() >= one.sum()

@@ -11,7 +11,7 @@ from soter.diagnostics.current_phase import CancelledError, cancelled_when
 from soter.verify.grid.grid_problem import GridInputs
 from soter.verify.grid.sets import GridGroup
 from unit.verify.grid.grid_adversary import Car, Runs, flow
-from unit.verify.grid.small_enclosure_units import corner, hill
+from unit.verify.grid.small_enclosure_units import corner, hill, safe_in_pieces
 from unit.verify.grid.test_grid_enclosures import CARS, MS, group_of
 
 if TYPE_CHECKING:
@@ -133,19 +133,19 @@ def test_nothing_under_u_leaves_the_target_within_t(segments: int) -> None:
     c, rng = CARS[1], np.random.default_rng(3)
     engine = group_of(c, cells=161)
     core = engine.compute_core(engine.compute_constraint(), longest=80).cells
-    safe = engine.cells_safe_for(120 * MS, core, segments=segments)
+    safe = safe_in_pieces(engine, 120 * MS, core, segments)
     assert 0.3 * core.sum() < safe.sum() < core.sum()
     start, _ = drawn(engine, safe, rng, 4000)
     for x in pushed(c, start, 0.12, rng):
         assert inside(engine, core, x).all()
-    start, _ = drawn(engine, engine.cells_safe_for(80 * MS, core, segments=segments), rng, 4000)
+    start, _ = drawn(engine, safe_in_pieces(engine, 80 * MS, core, segments), rng, 4000)
     assert not all(inside(engine, core, x).all() for x in pushed(c, start, 0.12, rng))
 
 
 def test_more_segments_never_lose_the_border_of_what_is_safe() -> None:
     engine = group_of(CARS[1], cells=161)
     core = engine.compute_core(engine.compute_constraint(), longest=80).cells
-    few, many = (engine.cells_safe_for(120 * MS, core, segments=s) for s in (1, 6))
+    few, many = (safe_in_pieces(engine, 120 * MS, core, s) for s in (1, 6))
     assert many.sum() >= few.sum()
 
 

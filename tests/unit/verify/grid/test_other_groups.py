@@ -20,6 +20,7 @@ from unit.verify.grid.small_enclosure_units import (
     linear,
     linear_source,
     pendulum,
+    safe_in_pieces,
 )
 from unit.verify.grid.test_grid_enclosures import CARS, MS, group_of, pendulum_rate
 from unit.verify.grid.test_grid_sets import drawn, escapes, inside
@@ -138,7 +139,7 @@ def test_a_tube_is_cut_as_often_as_pays_off(name: str) -> None:
     engine = engine_of(name, list(range(len(system(name)[0]))), (-0.5, 2.0))
     target = np.zeros(engine.shape, dtype=bool)
     target[(slice(1, -1),) * target.ndim] = True
-    few, many = (engine.cells_safe_for(40 * MS, target, segments=s) for s in (2, 32))
+    few, many = (safe_in_pieces(engine, 40 * MS, target, s) for s in (2, 32))
     safe_cells = engine.cells_safe_for(40 * MS, target)
     assert not np.any(few & ~safe_cells)
     assert not np.any(safe_cells & ~target)
@@ -331,10 +332,10 @@ CLIFF = (
     + """  soter_form edge, kick;
   out[0] = in[1];
   out[1] = in[2];
-  soter_form_range(&edge, EDGE, EDGE);
-  if (soter_at_most(&in[0], &edge) != 2) {
-    soter_form_range(&kick, -1000.0, 1000.0);
-    soter_form_add(&out[1], &in[2], &kick);
+  soter_n_range(SOTER_INPUTS, &edge, EDGE, EDGE);
+  if (soter_n_no_more(SOTER_INPUTS, &in[0], &edge) != 2) {
+    soter_n_range(SOTER_INPUTS, &kick, -1000.0, 1000.0);
+    soter_n_add(SOTER_INPUTS, &out[1], &in[2], &kick);
   }
 """
     + END.format()

@@ -26,39 +26,39 @@ MS = 1_000_000
 TABLE = (
     SIGNATURE.format(name="law", type="soter_form")
     + """  soter_form y, a, b;
-  soter_form_add(&y, &in[0], &in[3]);
-  soter_form_shift(&a, &y, -EDGE, -EDGE);
-  soter_form_at_least(&b, &a, 0.0);
-  soter_form_scale(&a, &b, -GAIN, -GAIN);
-  soter_form_at_least(&out[0], &a, -1.0);
+  soter_n_add(SOTER_INPUTS, &y, &in[0], &in[3]);
+  soter_n_shift(SOTER_INPUTS, &a, &y, -EDGE, -EDGE);
+  soter_n_at_least(SOTER_INPUTS, &b, &a, 0.0);
+  soter_n_scale(SOTER_INPUTS, &a, &b, -GAIN, -GAIN);
+  soter_n_at_least(SOTER_INPUTS, &out[0], &a, -1.0);
 """
     + END.format()
     + SIGNATURE.format(name="derivative", type="soter_form")
-    + "  soter_form_add(&out[0], &in[1], &in[2]);\n"
+    + "  soter_n_add(SOTER_INPUTS, &out[0], &in[1], &in[2]);\n"
     + END.format()
 )
 # the same with two states, the second x2' = x1 - 2 x2 + w
 BESIDE = TABLE.replace("in[3]", "in[4]").replace(
-    "  soter_form_add(&out[0], &in[1], &in[2]);\n",
+    "  soter_n_add(SOTER_INPUTS, &out[0], &in[1], &in[2]);\n",
     """  soter_form a, b;
   out[0] = in[2];
-  soter_form_scale(&a, &in[1], -2.0, -2.0);
-  soter_form_add(&b, &a, &in[0]);
-  soter_form_add(&out[1], &b, &in[3]);
+  soter_n_scale(SOTER_INPUTS, &a, &in[1], -2.0, -2.0);
+  soter_n_add(SOTER_INPUTS, &b, &a, &in[0]);
+  soter_n_add(SOTER_INPUTS, &out[1], &b, &in[3]);
 """,
 )
 # in: x, u, w;  x' = u + w - x |x| (or - x where LINEAR); u = 0
 TANK = (
     SIGNATURE.format(name="law", type="soter_form")
-    + "  soter_form_range(&out[0], 0.0, 0.0);\n"
+    + "  soter_n_range(SOTER_INPUTS, &out[0], 0.0, 0.0);\n"
     + END.format()
     + SIGNATURE.format(name="derivative", type="soter_form")
     + """  soter_form a, b, out_flow;
-  soter_form_abs(&a, &in[0]);
-  soter_form_mul(&b, &a, &in[0]);
-  soter_form_add(&a, &in[1], &in[2]);
+  soter_n_abs(SOTER_INPUTS, &a, &in[0]);
+  soter_n_mul(SOTER_INPUTS, &b, &a, &in[0]);
+  soter_n_add(SOTER_INPUTS, &a, &in[1], &in[2]);
   out_flow = LINEAR ? in[0] : b;
-  soter_form_sub(&out[0], &a, &out_flow);
+  soter_n_sub(SOTER_INPUTS, &out[0], &a, &out_flow);
 """
     + END.format()
 )
@@ -66,14 +66,14 @@ TANK = (
 # in: x, y, u, w;  x' = w (1 + 4 y^2), y' = u; u = 0.3
 PUSHED = (
     SIGNATURE.format(name="law", type="soter_form")
-    + "  soter_form_range(&out[0], 0.3, 0.3);\n"
+    + "  soter_n_range(SOTER_INPUTS, &out[0], 0.3, 0.3);\n"
     + END.format()
     + SIGNATURE.format(name="derivative", type="soter_form")
     + """  soter_form a, b;
-  soter_form_square(&a, &in[1]);
-  soter_form_scale(&b, &a, 4.0, 4.0);
-  soter_form_shift(&a, &b, 1.0, 1.0);
-  soter_form_mul(&out[0], &a, &in[3]);
+  soter_n_square(SOTER_INPUTS, &a, &in[1]);
+  soter_n_scale(SOTER_INPUTS, &b, &a, 4.0, 4.0);
+  soter_n_shift(SOTER_INPUTS, &a, &b, 1.0, 1.0);
+  soter_n_mul(SOTER_INPUTS, &out[0], &a, &in[3]);
   out[1] = in[2];
 """
     + END.format()
@@ -308,8 +308,8 @@ def test_an_end_that_is_only_almost_kept_is_unsafe(almost: dict[str, float]) -> 
 
 def test_a_border_that_is_left_where_it_repels_is_not_kept() -> None:
     """x' = x: nothing leaves 0, but only by uniqueness; beyond it the flow runs away."""
-    source = _source(TANK.replace("soter_form_sub(&out[0], &a", "soter_form_add(&out[0], &a"), 3,
-                     {"LINEAR": 1.0})  # fmt: skip
+    away = TANK.replace("n_sub(SOTER_INPUTS, &out[0], &a", "n_add(SOTER_INPUTS, &out[0], &a")
+    source = _source(away, 3, {"LINEAR": 1.0})
     inputs = GridInputs(
         states=((0.0, 1.0),), controls=((0.0, 0.0),), disturbances=((0.0, 0.0),), period_ns=50 * MS
     )

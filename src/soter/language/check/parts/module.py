@@ -355,7 +355,7 @@ class ModuleChecker(CheckerPart):
             condition = self.shared.check_expr(item.condition, context, BOOL)
             if self.shared.names.enter_if_new(item.name, seen) and not has_error(condition):
                 self._require_outputs(module, item, condition)
-                text = " ".join(item.condition.span.text.split())
+                text = item.condition.span.text_on_one_line
                 yield typed.ClauseSymbol(item.name.text, item.span, item.kind, condition, text)
 
     def _require_outputs(

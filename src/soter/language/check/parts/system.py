@@ -21,7 +21,6 @@ from soter.language.check.parts.system_items import (
     invariant_call,
     mark_path_used,
     path_expr,
-    text_on_one_line,
 )
 from soter.language.model import typed
 from soter.language.model.types import INT
@@ -380,7 +379,7 @@ class TestChecker(SystemChecker):
         call = invariant_call(item, context)
         if call is None or item.kind != "always":
             return self.check_property(item, context)
-        text = expression_text(call) if item.in_loop else text_on_one_line(call)
+        text = expression_text(call) if item.in_loop else call.span.text_on_one_line
         if not isinstance(call, tree.CallExpr):
             return typed.PropertySymbol("invariant", None, None, None, text, item.span)
         path = self._module_path(call.arguments[0], context, test)

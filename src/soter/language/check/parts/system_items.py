@@ -166,7 +166,7 @@ def _check_fault(
         rate=checked(item.rate, "how often", FLOAT),
         per=checked(item.per, "`per`", DURATION),
         lasts=checked(item.lasts, "`for`", DURATION),
-        text=" ".join(item.span.text.split()).rstrip(" ;"),
+        text=item.span.text_on_one_line.rstrip(" ;"),
         span=item.span,
     )
 
@@ -217,10 +217,11 @@ class ItemChecker(CheckerPart):
     ) -> typed.PropertySymbol | None:
         """Checks a property that consists of one or two expressions."""
         if invariant_call(item, context) is not None:
+            span = item.condition.span
             self.diagnostics.error(
                 "E012",
-                f"`{text_on_one_line(item.condition)}` can only be asked by a test, with `always`",
-                item.condition.span,
+                f"`{span.text_on_one_line}` can only be asked by a test, with `always`",
+                span,
                 notes=("it speaks about the time since the decision module last looked",),
                 helps=("write it in a `test` block: `always invariant(M);`, `always invariants;`",),
             )
@@ -231,7 +232,7 @@ class ItemChecker(CheckerPart):
         within = self.check_time(item.within, Context(context.scope, context.where), "`within`")
         if has_error(condition) or (premise is not None and has_error(premise)):
             return None
-        read = expression_text if item.in_loop else text_on_one_line
+        read = expression_text if item.in_loop else lambda e: e.span.text_on_one_line
         text = _property_text(item) if item.in_loop else ""
         asks = read(item.premise) if item.premise else ""
         parts = (item.kind, premise, condition, within, read(item.condition), item.span)
@@ -381,13 +382,8 @@ def path_expr(path: tree.DottedPath) -> tree.SyntaxExpr:
     return expr
 
 
-def text_on_one_line(expr: tree.SyntaxExpr) -> str:
-    """Gives the text of an expression on one line."""
-    return " ".join(expr.span.text.split())
-
-
 def _property_text(item: tree.PropertyItem) -> str:
-    within = f" within {text_on_one_line(item.within)}" if item.within is not None else ""
+    within = f" within {item.within.span.text_on_one_line}" if item.within is not None else ""
     if item.premise is not None:
         return f"{expression_text(item.premise)} leadsto {expression_text(item.condition)}{within}"
     return f"{item.kind} {expression_text(item.condition)}{within}"

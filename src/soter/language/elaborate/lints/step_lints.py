@@ -325,7 +325,7 @@ class _StepRanges(RangeEvaluator):
 
 def _shortened_text(span: Span) -> str:
     """Gives the source text of a span on one line, cut to SHOWN characters."""
-    text = " ".join(span.text.split())
+    text = span.text_on_one_line
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 4]} ..."
 
 

@@ -160,7 +160,7 @@ def add_properties_of_test(flat: Flattening, test: typed.TestSymbol) -> None:
                 within_ns=flat.run_length_ns(item.within, "`within`") or 0,
                 module=None,
                 scope=scope,
-                text=item.whole or " ".join(item.span.text.split()).rstrip("; "),
+                text=item.whole or item.span.text_on_one_line.rstrip("; "),
                 span=item.span,
                 asks=item.asks,
                 promises=item.text,

@@ -99,7 +99,7 @@ def make_stand_in(
 
 def _clause_text(name: str, condition: typed.TypedExpr) -> str:
     """Gives the text of a clause for people, on one line."""
-    text = " ".join(condition.span.text.split())
+    text = condition.span.text_on_one_line
     return f"{name}: {text}" if name else text
 
 
