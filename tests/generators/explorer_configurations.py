@@ -1,7 +1,9 @@
-"""What the explorer stored, in the form in which the brute-force enumerator has it.
+"""Configurations of a compiled explorer, as tests read them and reach them.
 
-Purpose: a world (`explore/engine/c/soter_explore.h`: state struct, schedule) to the canonical
-tuple.
+Purpose: a `Decoder` turns what the explorer stored (`explore/engine/c/soter_explore.h`: state
+struct, schedule) into the world and the canonical tuple of the brute-force enumerator.
+`stored_configurations` gives what a search kept, `packed_bits` and `unpack_bits` go from a
+configuration to its bits and back, `replay` runs a trace in C.
 Non-goals: exploring, enumerating.
 """
 
@@ -9,6 +11,8 @@ from __future__ import annotations
 
 import struct
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from generators.brute_force import Held, World
 from soter.core.layout import (
@@ -19,15 +23,27 @@ from soter.core.layout import (
     size_of,
     state_layout,
 )
+from soter.explore.engine.explorer_library import array_pointer, array_to_steps, steps_to_array
+from soter.explore.engine.shrink import Guided
+from soter.explore.judge import INPUT
+from soter.explore.trace import CHOOSE_STREAM_ENDING
 from soter.language.model.types import MODE
 from soter.semantics.configuration import Configuration
+from soter.semantics.draws import fnv1a_64
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
     from generators.brute_force import BruteForce, Canonical
+    from soter.core.layout import Bytes, Words
+    from soter.explore.engine.explorer_library import Engine, RawStep
     from soter.explore.model.exploration_plan import ExplorationPlan
     from soter.language.model.system import Component, System
     from soter.language.model.types import Value
 
+NO_VIOLATION = (0, 2**32 - 1)
 NOTHING_OWED = 2**63 - 1
 _COMPONENT = struct.Struct("<qIBBBBB7x")
 _MODULE = struct.Struct("<qqIIIIBBBBBB2x")
@@ -137,3 +153,58 @@ class Decoder:
 
 def _padded(size: int) -> int:
     return (size + 7) // 8 * 8
+
+
+def replay(
+    engine: Engine,
+    steps: Sequence[RawStep],
+    broken: tuple[int, int] | None = None,
+    seed: int = 0,
+) -> tuple[int, bool, npt.NDArray[np.uint8]]:
+    """Runs steps in C: how many of them are possible, whether they end in `broken`, configurations.
+
+    Nothing but `broken` ends the run. Configurations: (possible, configuration_size), the one after
+    each step.
+    """
+    guided = Guided(engine, seed, broken or NO_VIOLATION)
+    run = guided.execute_along(steps_to_array(steps), len(steps))
+    made = array_to_steps(run.steps)
+    possible = next(
+        (i for i, (a, b) in enumerate(zip(made, steps, strict=False)) if a != b), len(made)
+    )
+    return possible, run.violates and possible == len(steps), run.configurations[:possible]
+
+
+def asking_stream(actor: str) -> int:
+    """The hash of the stream from which the steps of an actor ask for a choice."""
+    return fnv1a_64(actor if actor.startswith(INPUT) else actor + CHOOSE_STREAM_ENDING)
+
+
+def packed_bits(engine: Engine, configuration: Bytes) -> Words:
+    """The bits of a configuration: (configuration_size,) -> (words,)."""
+    words = np.zeros(engine.words, dtype=np.uint64)
+    engine.model.pack(
+        array_pointer(engine.ffi, "void *", configuration),
+        array_pointer(engine.ffi, "uint64_t *", words),
+    )
+    return words
+
+
+def unpack_bits(engine: Engine, words: Words, configuration: Bytes) -> None:
+    """Unpacks bits, (words,), into a configuration that the engine has started before."""
+    engine.model.unpack(
+        array_pointer(engine.ffi, "uint64_t *", words),
+        array_pointer(engine.ffi, "void *", configuration),
+    )
+
+
+def stored_configurations(engine: Engine) -> Bytes:
+    """The configurations that the last search kept: (states, configuration_size)."""
+    kept, count = engine._kept, 0
+    if kept != engine.ffi.NULL:
+        count = int(engine.lib.soter_explore_kept(engine.model, kept, engine.ffi.NULL))
+    configurations = np.zeros((count, engine.configuration_size), dtype=np.uint8)
+    if count:
+        place = array_pointer(engine.ffi, "void *", configurations)
+        engine.lib.soter_explore_kept(engine.model, kept, place)
+    return configurations

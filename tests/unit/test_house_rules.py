@@ -79,7 +79,7 @@ SEVERAL_SUBJECTS = {
     "diagnostics": 5,
     "diagram": 3,
     "editor": 5,
-    "explore": 17,
+    "explore": 16,
     "gym": 3,
     "language": 42,
     "mapping": 3,

@@ -59,14 +59,14 @@ class Lateness:
         )
 
 
-def measure_lateness(seconds: float = 20.0, period_ns: int = PERIOD_NS) -> Lateness:
+def measure_lateness(seconds: float) -> Lateness:
     """Measures lateness for `seconds`. Raises OSError, or D006 if a busy process has ended."""
     cores = os.cpu_count() or 1
     busy: list[subprocess.Popen[bytes]] = []
     try:
         busy.extend(_start_busy_process() for _ in range(2 * cores))
         _require_busy(busy, [p.stdout.read(1) for p in busy if p.stdout is not None])
-        late = _measure_releases(seconds, period_ns)
+        late = _measure_releases(seconds)
         _require_busy(busy, [b"" if p.poll() is not None else b"!" for p in busy])
     finally:
         for process in busy:
@@ -75,7 +75,7 @@ def measure_lateness(seconds: float = 20.0, period_ns: int = PERIOD_NS) -> Laten
     late.sort()
     last = len(late) - 1
     quantiles = tuple(late[round(k * last / QUANTILE_PARTS)] for k in range(QUANTILE_PARTS + 1))
-    return Lateness(quantiles, len(late), period_ns, len(busy), cores)
+    return Lateness(quantiles, len(late), PERIOD_NS, len(busy), cores)
 
 
 def _start_busy_process() -> subprocess.Popen[bytes]:
@@ -100,12 +100,12 @@ class _Timespec(ctypes.Structure):
     _fields_ = (("s", ctypes.c_long), ("ns", ctypes.c_long))
 
 
-def _measure_releases(seconds: float, period_ns: int) -> list[int]:
+def _measure_releases(seconds: float) -> list[int]:
     """Sleeps until each release, and returns the lateness of each in ns."""
     libc = ctypes.CDLL(None, use_errno=True)
     late, at = [], time.monotonic_ns()
-    for _ in range(max(1, int(seconds * 1e9 / period_ns))):
-        at += period_ns
+    for _ in range(max(1, int(seconds * 1e9 / PERIOD_NS))):
+        at += PERIOD_NS
         when = _Timespec(at // 10**9, at % 10**9)
         libc.clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, ctypes.byref(when), None)
         late.append(max(0, time.monotonic_ns() - at))

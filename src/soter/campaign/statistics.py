@@ -35,16 +35,14 @@ class RateInterval:
     basis: str
 
 
-def garwood_interval(
-    count: int, amount: float, confidence: float = CONFIDENCE
-) -> tuple[float, float]:
+def garwood_interval(count: int, amount: float) -> tuple[float, float]:
     """The interval of a Poisson rate per unit of `amount`, from `count` events.
 
     For amount 0 it is (0, inf). Without events it is one-sided: all of the error lies above.
     """
     if amount <= 0.0:
         return 0.0, inf
-    missed = 1.0 - confidence
+    missed = 1.0 - CONFIDENCE
     if count == 0:
         return 0.0, -log(missed) / amount
     return (
@@ -53,13 +51,11 @@ def garwood_interval(
     )
 
 
-def clopper_pearson_interval(
-    count: int, total: int, confidence: float = CONFIDENCE
-) -> tuple[float, float]:
+def clopper_pearson_interval(count: int, total: int) -> tuple[float, float]:
     """The interval of a probability from `count` of `total`; one-sided for 0 and for `total`."""
     if total <= 0:
         return 0.0, 1.0
-    missed = 1.0 - confidence
+    missed = 1.0 - CONFIDENCE
     if count in (0, total):
         bound = missed ** (1.0 / total)
         return (0.0, 1.0 - bound) if count == 0 else (bound, 1.0)

@@ -19,6 +19,7 @@ from soter.explore.vacuous_tests import symbol_at_path
 from soter.language.check.declarations import scalar_text
 from soter.language.check.dots_and_brackets import quoted
 from soter.language.elaborate.derived_systems import OUTSIDE
+from soter.language.elaborate.passes.stated_values import settings_in
 from soter.language.model import typed
 from soter.language.model.typed import Literal
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaves, show_ns
@@ -143,13 +144,9 @@ def _difference_in_words(
         return None
     if test.system is not here.system:
         return "in another system"
-    if _parameter_settings(test) != _parameter_settings(here):
+    if settings_in(test) != settings_in(here):
         return "with other parameters"
     return "but for a controller" if replaced else ""
-
-
-def _parameter_settings(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, str]]:
-    return {(s.path, s.param, repr(s.value)) for s in test.sets}
 
 
 def _replaced_paths(

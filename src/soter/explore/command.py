@@ -1,4 +1,4 @@
-"""`soter test` and `soter replay` without a terminal: from a flattened test to its result.
+"""`soter test` without a terminal: from a flattened test to its result.
 
 Purpose: `explore_test` searches, gives the verdict (`search_verdict`), minimises a violation, and
 lets the reference interpreter replay it before anybody is told of it; `save_traces` writes it into
@@ -126,7 +126,7 @@ def covered_before_ns(search_result: Found, system: System, options: SearchOptio
     return min(search_result.covered_ns, test_plan(system).horizon_ns)
 
 
-FOLDER, ENDING = Path(".soter"), ".trace.json"
+TRACE_FILE_ENDING = ".trace.json"
 INTERRUPTED_STEPS_MAX = 500
 """A trace of up to this many steps is replayed even after an interruption."""
 
@@ -418,7 +418,7 @@ def make_trace(result: TestResult, header: TraceHeader, steps: Sequence[Step]) -
 # ---------------------------------------------------------------- files
 
 
-def save_traces(result: TestResult, folder: Path = FOLDER) -> Path | None:
+def save_traces(result: TestResult, folder: Path) -> Path | None:
     """Writes the trace of a violated test, and returns its path; None without a trace.
 
     Traces of other properties get the same name with `-2` and so on. May raise SoterError D006.
@@ -426,10 +426,10 @@ def save_traces(result: TestResult, folder: Path = FOLDER) -> Path | None:
     if result.replayed is None:
         return None
     stem = file_stem(result.replayed.trace)
-    result.trace = write_trace(result.replayed.trace, folder / f"{stem}{ENDING}")
+    result.trace = write_trace(result.replayed.trace, folder / f"{stem}{TRACE_FILE_ENDING}")
     for number, other in enumerate(result.others, 2):
         if other.replayed is not None:
-            path = folder / f"{stem}-{number}{ENDING}"
+            path = folder / f"{stem}-{number}{TRACE_FILE_ENDING}"
             other.trace = write_trace(other.replayed.trace, path)
     return result.trace
 

@@ -478,7 +478,7 @@ class Judge:
         if fault is not None:
             return f"judging `safe` of `{module.name}` faults ({fault_text(fault)})"
         if not self._holds(self._safe[prop.module], c):
-            text = " ".join(module.symbol.safe.span.text.split())
+            text = module.symbol.safe.span.text_on_one_line
             return f"`{text}`, `safe` of `{module.name}`, fails"
         verdict = f"the DM last said AC at {_time_text(history.last_ac_ns)}"
         if not history.has_said_ac:

@@ -99,9 +99,9 @@ class SearchProgress:
     """Everything observable before this time was judged, in all executions (breadth first)."""
 
 
-def _text_of_alternatives(names: Iterable[str], default: str, end: str) -> str:
+def _text_of_alternatives(names: Iterable[str], default: str) -> str:
     shown = [f"{n} (the default)" if n == default else n for n in names]
-    return f"{', '.join(shown[:-1])}{end}{shown[-1]}"
+    return f"{', '.join(shown[:-1])} or {shown[-1]}"
 
 
 HOW = f"{STRATEGIES[0]} (the default); {', '.join(SAMPLING)}: samples, the latter by simple plans"
@@ -121,14 +121,14 @@ class SearchOptions:
     storage: str = option(
         "--storage S",
         "exact",
-        _text_of_alternatives(STORAGES, "exact", " or "),
+        _text_of_alternatives(STORAGES, "exact"),
         choice(*STORAGES),
         "storage",
     )
     reduction: str = option(
         "--reduction R",
         "all",
-        _text_of_alternatives(REDUCTIONS, "all", " or "),
+        _text_of_alternatives(REDUCTIONS, "all"),
         choice(*REDUCTIONS),
         "reduction",
     )

@@ -201,11 +201,6 @@ def read_document(path: Path) -> dict[str, Any]:
     return document
 
 
-def read_trace(path: Path) -> Trace:
-    """The trace in a file; raises SoterError D010 if the file holds no trace."""
-    return trace_from_document(read_document(path), path)
-
-
 def trace_from_document(document: Mapping[str, Any], path: Path) -> Trace:
     """The trace in a document that was read from `path`; raises SoterError D010 if it is none."""
     try:
@@ -354,7 +349,7 @@ def program_path(trace: Trace) -> str:
     return trace.program
 
 
-ENDING = ".choose"
+CHOOSE_STREAM_ENDING = ".choose"
 _CLOSED = (
     typed.Literal,
     typed.ParamRead,
@@ -397,7 +392,7 @@ class ChoiceWords:
 
     def __init__(self, system: System) -> None:
         self._sites = {
-            c.name + ENDING: [
+            c.name + CHOOSE_STREAM_ENDING: [
                 _ChoiceSite(e, c) for e in nodes(_step_code(c)) if isinstance(e, typed.TypedChoose)
             ]
             for c in system.components
@@ -413,17 +408,16 @@ class ChoiceWords:
     def question_text(self, choice: Choice) -> str:
         """The source text of the `choose` that asked; if unclear, the name of the stream."""
         site = self._asking_site(choice)
-        return choice.stream if site is None else _source_words(site)
+        return choice.stream if site is None else site.expr.span.text_on_one_line
 
     def _asking_site(self, choice: Choice) -> _ChoiceSite | None:
         """The `choose` that asked; None if several fit and they differ in text or value."""
         fitting = [a for a in self._sites.get(choice.stream, ()) if a.may_ask(choice.of)]
-        meanings = {(_source_words(a), str(a.json_value(choice.pick, choice.of))) for a in fitting}
+        meanings = {
+            (a.expr.span.text_on_one_line, str(a.json_value(choice.pick, choice.of)))
+            for a in fitting
+        }
         return fitting[0] if len(meanings) == 1 else None
-
-
-def _source_words(site: _ChoiceSite) -> str:
-    return " ".join(site.expr.span.text.split())
 
 
 def _step_code(component: Component) -> Iterable[object]:

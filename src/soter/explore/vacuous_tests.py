@@ -233,7 +233,7 @@ def _property_vacuity(
         return
     premise = premise_of(prop.condition) if prop.kind == "always" else None
     if ended and premise is not None and judged and not held:
-        text = _source_text(premise)
+        text = premise.span.text_on_one_line
         yield VacuousPart(
             "premise", name, f"was never put to the test: `{text}` held in no execution"
         )
@@ -247,7 +247,7 @@ def _why_it_cannot_fail(
         return "cannot fail: it reads nothing"
     premise = premise_of(condition) if wanted else None
     if premise is not None and holds_always(premise, False, prop.scope, domains.scalar_range):
-        return f"cannot fail: `{_source_text(premise)}` holds for no value of what it reads"
+        return f"cannot fail: `{premise.span.text_on_one_line}` holds for no value of what it reads"
     holds = "holds for every value" if wanted else "its condition holds for no value"
     return f"cannot fail: {'it ' if wanted else ''}{holds} of what it reads"
 
@@ -277,7 +277,7 @@ def _timed_vacuity(
     if why := _why_it_holds_anyway(prop.condition, prop.premise, prop.scope, domains):
         yield VacuousPart(CANNOT_FAIL if judged else "premise", prop.text, f"cannot fail: {why}")
     elif prop.premise is not None and ended and not judged:
-        premise = _source_text(prop.premise)
+        premise = prop.premise.span.text_on_one_line
         why = f"was never put to the test: `{premise}` held in no execution in time"
         yield VacuousPart("premise", prop.text, why)
     elif prop.kind == "eventually" and ended and judged and not owed:
@@ -292,13 +292,14 @@ def _why_it_holds_anyway(
 ) -> str:
     """The reason why a timed property holds for all values; "" if it need not hold."""
     if holds_always(condition, True, scope, domains.scalar_range):
-        return f"`{_source_text(condition)}` holds for every value of what it reads"
+        return f"`{condition.span.text_on_one_line}` holds for every value of what it reads"
     if premise is None:
         return ""
     if holds_always(premise, False, scope, domains.scalar_range):
-        return f"`{_source_text(premise)}` holds for no value of what it reads"
+        return f"`{premise.span.text_on_one_line}` holds for no value of what it reads"
     if holds_always(_implication(premise, condition), True, scope, domains.scalar_range):
-        return f"where `{_source_text(premise)}` holds, `{_source_text(condition)}` holds at once"
+        texts = premise.span.text_on_one_line, condition.span.text_on_one_line
+        return "where `{}` holds, `{}` holds at once".format(*texts)
     return ""
 
 
@@ -306,10 +307,6 @@ def _implication(premise: typed.TypedExpr, condition: typed.TypedExpr) -> typed.
     """The expression `!premise || condition`."""
     fails = typed.TypedUnary(BOOL, premise.span, "!", premise)
     return typed.TypedBinary(BOOL, condition.span, "||", fails, condition)
-
-
-def _source_text(e: typed.TypedExpr) -> str:
-    return " ".join(e.span.text.split())
 
 
 # ---------------------------------------------------------------- changes that a test makes

@@ -272,11 +272,6 @@ def action_maker(space: spaces.Space[Any], count: int) -> Callable[[npt.NDArray[
     return lambda numbers: numbers.astype(dtype).reshape(shape)
 
 
-def action_from_numbers(space: spaces.Space[Any], numbers: npt.NDArray[np.float64]) -> Any:  # noqa: ANN401
-    """The action of an environment's space made from numbers (n,); raises as `action_maker`."""
-    return action_maker(space, len(numbers))(numbers)
-
-
 def _require_size(space: spaces.Space[Any], wanted: int, count: int) -> None:
     if wanted != count:
         message = f"the plant reads {count} numbers, but an action of the environment has {wanted}"

@@ -133,11 +133,7 @@ class CompiledEnvironment:
         _require_no_kept_state(unit)
         owners = linked_symbols(system, core)
         self.library = Library(path, unit.prefix, self.layout.size, owners)
-        self.ffi = interface(
-            declarations(RUNTIME / "soter.h"), declarations(FOLDER / "soter_gym.h")
-        )
-        self.lib = open_library(self.ffi, path, owners)
-        self.program = address(self.ffi, path, f"{unit.prefix}_program", "const soter_program *")
+        self.ffi, self.lib, self.program = loaded_driver(path, unit.prefix, owners)
         self.answers = {c.index: lay_out(answer_fields(c)) for c in system.components if c.extern}
         self.observed = tuple(observed)
         self.view = self._c_view()
@@ -268,11 +264,17 @@ def built_library(unit: Unit) -> Path:
     return library(unit, OPTIMISE, (*FAST, *vector_flags()), ENGINE)
 
 
-def loaded_driver(path: Path, prefix: str) -> tuple[Any, Any, Any]:
-    """Gives cffi, the functions and the program of a library that was built with `ENGINE`."""
+def loaded_driver(
+    path: Path, prefix: str, owners: Mapping[str, str] | None = None
+) -> tuple[Any, Any, Any]:
+    """Gives cffi, the functions and the program of a library that was built with `ENGINE`.
+
+    `owners` are the C files that should define the functions of bindings, for the error X004.
+    """
     ffi = interface(declarations(RUNTIME / "soter.h"), declarations(FOLDER / "soter_gym.h"))
+    lib = open_library(ffi, path, owners)
     program = address(ffi, path, f"{prefix}_program", "const soter_program *")
-    return ffi, open_library(ffi, path), program
+    return ffi, lib, program
 
 
 def bindings_inside(

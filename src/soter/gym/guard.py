@@ -380,9 +380,8 @@ class EnvironmentGuard:
             (t.name.rpartition(".")[2], t.type) for t in self._topics_read
         ]
         if self._command is None:
-            return array_mapping.action_from_numbers(
-                env.action_space, array_mapping.numbers_of_values(shapes, values)
-            )
+            numbers = array_mapping.numbers_of_values(shapes, values)
+            return array_mapping.action_maker(env.action_space, len(numbers))(numbers)
         named = {n: to_python(t, v) for (n, t), v in zip(shapes, values, strict=True)}
         return self._command(**named)
 

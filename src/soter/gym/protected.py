@@ -21,7 +21,8 @@ from gymnasium.vector import AutoresetMode
 
 from soter.gym.environment_choices import wrong_choice
 from soter.gym.guard import EnvironmentGuard
-from soter.gym.vector import CAUSES, FACTS, ProtectedVector
+from soter.gym.step_info import CAUSES
+from soter.gym.vector import FACTS, ProtectedVector
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -60,7 +61,7 @@ class Protected(gymnasium.Env[Any, Any]):
         self,
         program: str | Path | soter.api.Program,
         env: gymnasium.Env[Any, Any],
-        **options: Any,  # noqa: ANN401 - those of Guard
+        **options: Any,  # noqa: ANN401 - those of EnvironmentGuard
     ) -> None:
         self.env = env
         self.guard = EnvironmentGuard(program, env, **options)
@@ -110,7 +111,7 @@ class SafetyWrapper(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
         self,
         env: gymnasium.Env[Any, Any],
         program: str | Path | soter.api.Program,
-        **options: Any,  # noqa: ANN401 - those of Guard
+        **options: Any,  # noqa: ANN401 - those of EnvironmentGuard
     ) -> None:
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, program=program, **options)
         gymnasium.Wrapper.__init__(self, env)

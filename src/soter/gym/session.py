@@ -29,11 +29,11 @@ from soter.gym.compiled_system import (
     remove_idle_check,
 )
 from soter.gym.environment_choices import chosen_module, chosen_plant, system_with_errors
+from soter.gym.step_info import CAUSES
 from soter.language.elaborate.derived_systems import with_unbound_externs
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import numbers_in
 from soter.native.extern_bindings import bindings_with_objects
-from soter.native.loaded_program import RunStatus
 from soter.semantics.externs import reset_extern
 from soter.simulate.externs.callables import load_callables
 from soter.simulate.externs.python_answers import ExternAnswers
@@ -125,10 +125,8 @@ def _python_function(name: str, address: int, self_address: int) -> Call:
     return made
 
 
-TOWARD_SC = 6
+TOWARD_SC = CAUSES.index("toward sc")
 """The last value of `soter_cause`: a shield moved the action toward SC's."""
-FAR_NS = 2**62
-"""A time that no run reaches."""
 
 
 class Session:
@@ -235,15 +233,6 @@ class Session:
     def judge_move(self) -> None:
         """Lets the model judge the step of the due plant to the states `moved`."""
         self._lib.soter_outside_judge(self.outside)
-
-    def run_to_due_component(self) -> Component:
-        """Runs until the plant or the agent has to answer, and gives that component."""
-        while True:
-            status, _, due = self.compiled.library.run_until(self.state, FAR_NS)
-            assert status is RunStatus.EXTERN
-            if due in self._outside:
-                return self.system.components[due]
-            self._answers.answer_step(self.state, due)
 
     def move_to_values(self, states: Sequence[Value]) -> None:
         """Answers for the plant with the values `states`."""

@@ -14,8 +14,9 @@ from soter.language.evaluate.arithmetic import FaultKind
 if TYPE_CHECKING:
     from soter.gym.session import Session
 
-CAUSES = (None, "gate", "stale", "ttf", "recovering", "forced", "toward sc")
-"""Why the agent's action did not count, or was changed; the index is `soter_cause` of C."""
+CAUSES = ("", "gate", "stale", "ttf", "recovering", "forced", "toward sc")
+"""Why the agent's action did not count, or was changed; the index is `soter_cause` of C, and is
+what `info["cause"]` of a vector has."""
 
 
 def flag_info(session: Session, before: int, *, has_model: bool) -> dict[str, Any]:
@@ -32,7 +33,7 @@ def flag_info(session: Session, before: int, *, has_model: bool) -> dict[str, An
         "taken_by": ("AC" if seen.taken_by else "SC") if stepped else None,
         "gate_fault": gate_fault,
         "intervened": stepped and not counted,
-        "cause": CAUSES[seen.cause],
+        "cause": CAUSES[seen.cause] or None,
         "off_model": bool(seen.off_model) if has_model else None,
     }
 

@@ -33,6 +33,7 @@ from soter.gym.environment_choices import (
     wrong_choice,
 )
 from soter.gym.safety_warnings import warn_of_no_control
+from soter.gym.step_info import CAUSES  # noqa: F401 - docs/gym.md names it here
 from soter.language.elaborate.derived_systems import with_unbound_externs
 from soter.simulate.run_options import seed_value
 
@@ -155,8 +156,6 @@ def many_worlds_environment(
     return kept_build(program, key, make_environment)
 
 
-CAUSES = ("", "gate", "stale", "ttf", "recovering", "forced", "toward sc")
-"""Why an action of the agent did not count; `info["cause"]` of a vector has the index."""
 ENDS = (None, "terminate", "truncate")
 SEED_BITS = 2**64 - 1
 

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 from soter.language.model.tree_walk import calls_in, mode_reads, topic_reads
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from soter.language.model.system import Component, Module, System
-    from soter.language.model.typed import FunSymbol
+    from soter.language.model.typed import FunSymbol, ModuleSymbol
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def source_topics(system: System, nodes: Iterable[int], topics: Iterable[int]) -
     """The topics in `topics`, and all that `nodes` read, even indirectly, to publish them."""
     reads = {n: reads_of_node(system, system.components[n]) for n in nodes}
     writes = {n: writes_of_node(system.components[n]) for n in nodes}
-    behind = {_topic_behind_queue(system, i) for i in topics}
+    behind = {system.topics[i].source for i in topics}
     while more := {i for n in reads if writes[n] & behind for i in reads[n]} - behind:
         behind |= more
     return behind
@@ -123,7 +123,7 @@ class _Search:
         """The reasons why a module cannot be decided: what it misses, traced back to the log."""
         missing_by_name: dict[str, Missing] = {}
         have = self._known_topics()
-        for name in self._extern_functions(module):
+        for name in _extern_names(module.symbol.predicates):
             missing_by_name[name] = Missing(name, "a function that is not Soter")
         for other in _modules_of_read_modes(module.scope.modules, module.symbol.predicates):
             if other not in self.modules and other != module.index:
@@ -162,11 +162,8 @@ class _Search:
         return bool(
             _topics_of_inputs(self.system, module) - have
             or others
-            or self._extern_functions(module)
+            or _extern_names(module.symbol.predicates)
         )
-
-    def _extern_functions(self, module: Module) -> list[str]:
-        return _extern_names(module.symbol.predicates)
 
     def _knows_modes_in_node(self, n: int) -> bool:
         c = self.system.components[n]
@@ -200,25 +197,19 @@ class _Search:
             missing_by_name[topic.name] = Missing(topic.name, why)
 
 
-def _topic_behind_queue(system: System, index: int) -> int:
-    """The topic that a queue collects; the topic itself if it is no queue."""
-    of = system.topics[index].queue_of
-    return index if of is None else of
-
-
 def _topics_of_inputs(system: System, module: Module) -> set[int]:
-    return {_topic_behind_queue(system, i) for i in module.inputs}
+    return {system.topics[i].source for i in module.inputs}
 
 
 def _reads_of_dm(system: System, module: Module) -> set[int]:
     """The topics that a DM reads: its inputs, and the topic of its acknowledgement."""
-    return {_topic_behind_queue(system, i) for i in module.reads}
+    return {system.topics[i].source for i in module.reads}
 
 
 def reads_of_node(system: System, c: Component) -> frozenset[int]:
     """The topics that a node subscribes to; for a queue, the topic that fills it."""
     assert c.node is not None
-    return frozenset(_topic_behind_queue(system, i) for i in c.reads)
+    return frozenset(system.topics[i].source for i in c.reads)
 
 
 def writes_of_node(c: Component) -> frozenset[int]:
@@ -227,7 +218,9 @@ def writes_of_node(c: Component) -> frozenset[int]:
     return frozenset(c.scope.topics[topic] for topic in c.node.publishes)
 
 
-def _modules_of_read_modes(known: dict, code: tuple) -> set[int]:  # type: ignore[type-arg]
+def _modules_of_read_modes(
+    known: Mapping[ModuleSymbol | str, int], code: tuple[object, ...]
+) -> set[int]:
     """The indices of the modules whose mode this code reads."""
     return {known[m] for m in mode_reads(*code) if m in known}
 

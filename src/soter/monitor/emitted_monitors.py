@@ -163,13 +163,13 @@ def _staleness_diagnostic(checked: CheckResult, file: LoadedFile) -> Diagnostic 
     text = file.source.text
     at = text.find(RECORD)
     start = at if at >= 0 else text.index(EMITTED)
-    end_code = text.find("\n", start)
-    end_code = end_code if end_code >= 0 else len(text)
-    where = Span(file.source, start, start + len(RECORD) - 1 if at >= 0 else end_code)
+    end = text.find("\n", start)
+    end = end if end >= 0 else len(text)
+    where = Span(file.source, start, start + len(RECORD) - 1 if at >= 0 else end)
     watched = file.imports.get("watched")
     again = f"`soter monitor {watched.source.name if watched else 'FILE'} --emit {file.source.name}"
     try:
-        made_of = json.loads(text[at + len(RECORD) : end_code]) if at >= 0 else {}
+        made_of = json.loads(text[at + len(RECORD) : end]) if at >= 0 else {}
         system, module = str(made_of["system"]), str(made_of["module"])
         model, params = made_of["model"], dict(made_of["params"])
     except (KeyError, TypeError, ValueError):

@@ -282,5 +282,5 @@ def _varies(e: t.TypedExpr) -> bool:
 
 
 def _expression_text(e: t.TypedExpr) -> str:
-    text = " ".join(e.span.text.split())
+    text = e.span.text_on_one_line
     return text if len(text) <= TEXT_MAX else text[: TEXT_MAX - 3] + "..."

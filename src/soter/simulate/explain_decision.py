@@ -336,12 +336,16 @@ class _PredicateReader:
             sides = [(s, self._evaluator.compiled(s)) for s in (e.left, e.right)]
         scalar = (FloatType, IntType, BoolType, EnumType)
         scalars = bool(sides) and all(isinstance(s.type, scalar) for s, _ in sides)
-        plain = _source(e)
+        plain = e.span.text_on_one_line
 
         def evaluated_part(env: Environment) -> PredicatePart:
             try:
                 value = bool(whole(env))
-                operands = [Operand(_source(s), _scalar(s, of(env))) for s, of in sides if scalars]
+                operands = [
+                    Operand(s.span.text_on_one_line, _scalar(s, of(env)))
+                    for s, of in sides
+                    if scalars
+                ]
             except StepFault as fault:
                 return PredicatePart(plain, None, (), fault.kind.name.lower())
             if not operands:
@@ -453,10 +457,6 @@ def _is_safer_true(parts: tuple[PredicatePart, ...]) -> bool:
 
 
 # ---------------------------------------------------------------- words
-
-
-def _source(e: typed.TypedExpr) -> str:
-    return " ".join(e.span.text.split())
 
 
 def _scalar(e: typed.TypedExpr, value: Value) -> Number:

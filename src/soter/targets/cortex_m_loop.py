@@ -19,6 +19,7 @@ from soter.targets.late_limits import age_limits
 from soter.targets.leases import lease_names, lease_times, modules_with_law, upstream_nodes
 from soter.targets.package import PackageFile, filled_file
 from soter.targets.posix_package import extern_nodes, fields_read
+from soter.targets.world_interface import word_count
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit
@@ -77,7 +78,7 @@ def loop_tables(system: System, unit: Unit, tick: LoopTick, until_ns: int) -> li
         "tick": tick,
         "until_ns": until_ns,
         "budgets": max([1, *(len(lease_times(system, m).budgets) for m in modules)]),
-        "topic_words": (max((size_of(t.type) for t in system.topics), default=8) + 7) // 8,
+        "topic_words": word_count(max((size_of(t.type) for t in system.topics), default=8)),
         "patience": max(2, PATIENCE_NS // tick.ns),
         "nodes": [_node_values(system, unit, x) for x in nodes],
         "modules": [_module_values(system, unit, m, names[m.index]) for m in modules],

@@ -192,13 +192,13 @@ def _inward_values(mapped: TopicMap) -> dict[str, object]:
         "stamped": _bool_word(mapped.stamp is not None),
         "delay_ns": mapped.delay_ns,
         "publisher": text_literal(mapped.publisher or ""),
-        "lines": converter.inward_statements("(*to)"),
+        "lines": converter.inward_statements(),
     }
 
 
 def _outward_values(bridged: BridgedSystem, mapped: TopicMap) -> dict[str, object]:
     index, converter = mapped.topic.index, MessageConverter(mapped, ROS, CYCLONE, "(*m)")
-    lines = converter.outward_statements("(*from)")
+    lines = converter.outward_statements()
     if _message_type(mapped).has_header:
         sec, nanosec = (converter.field_code(f"header.stamp.{p}") for p in ("sec", "nanosec"))
         lines.append(f"{sec} = (int32_t)(stamp / 1000000000);")

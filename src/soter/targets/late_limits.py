@@ -11,8 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.language.check.constants_and_types import Calculator, declared_ns
+from soter.language.check.constants_and_types import declared_ns
 from soter.targets.leases import upstream_nodes
 
 if TYPE_CHECKING:
@@ -70,7 +69,6 @@ def _declared_times(system: System, module: Module, kind: str) -> list[tuple[int
     verify = module.symbol.verify
     if verify is None:
         return []
-    calculator = Calculator(Diagnostics(), module.scope.params)
     around = module.name.rpartition(".")[0]
     named: dict[str, typed.TypedExpr] = getattr(verify, f"{kind}_of")
     exprs: list[tuple[int | None, typed.TypedExpr | None]] = [
@@ -78,12 +76,11 @@ def _declared_times(system: System, module: Module, kind: str) -> list[tuple[int
         (module.sc, getattr(verify, f"{kind}_sc")),
         *((_component_index(system.components, around, name), e) for name, e in named.items()),
     ]
-    times = []
-    for index, expr in exprs:
-        value = None if expr is None else calculator.value(expr, "a time")
-        if index is not None and isinstance(value, int):
-            times.append((index, value))
-    return times
+    return [
+        (index, declared_ns(module, expr))
+        for index, expr in exprs
+        if index is not None and expr is not None
+    ]
 
 
 def _component_index(components: tuple[Component, ...], around: str, name: str) -> int | None:

@@ -10,6 +10,7 @@ Non-goals: who calls them; proofs of the law (`verify/claims/product_sets.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from math import gcd
 from pathlib import PurePath
 from typing import TYPE_CHECKING
@@ -18,14 +19,13 @@ from soter.codegen import c_tree as c
 from soter.codegen.c_names import FileNames, field_name
 from soter.codegen.c_printer import print_file
 from soter.codegen.c_types import TypeTable
-from soter.language.evaluate.statements import Evaluator
+from soter.language.check.constants_and_types import declared_ns
 from soter.language.model.types import show_ns
 from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.language.model import typed
     from soter.language.model.system import Component, Module, System
 
 FILES = ("soter_lease.h", "soter_lease.c", "soter_grant.h", "soter_grant.c")
@@ -42,8 +42,8 @@ class ReleaseBudget:
     name: str
     period: int
     phase: int
-    late: int = 0
-    response: int = 0
+    late: int
+    response: int
 
     @property
     def latest(self) -> int:
@@ -73,10 +73,7 @@ class LeaseTimes:
 def lease_times(system: System, module: Module) -> LeaseTimes:
     """The lease times of a module with a law; `system` is the system that flies."""
     verify = module.symbol.verify
-
-    def ns(expr: typed.TypedExpr | None) -> int:
-        return 0 if expr is None else int(Evaluator(module.scope.params).value(expr))
-
+    ns = partial(declared_ns, module)
     dm, sc = system.components[module.dm], system.components[module.sc]
     budgets = [
         ReleaseBudget(
@@ -112,7 +109,7 @@ def lease_names(system: System, prefix: str) -> dict[int, str]:
 
 def upstream_nodes(system: System, module: Module) -> Iterator[Component]:
     """The nodes, without controllers, on which DM and SC depend, in order of declaration."""
-    wanted = {*module.inputs, *_read_topics(system.components[module.sc])}
+    wanted = {*module.inputs, *system.components[module.sc].reads}
     left = [x for x in system.components if x.role == "node" and x.node is not None]
     found: list[Component] = []
     more = left
@@ -121,14 +118,9 @@ def upstream_nodes(system: System, module: Module) -> Iterator[Component]:
         wanted |= {i for i in queued if i is not None}
         more = [x for x in left if not wanted.isdisjoint(x.writes)]
         left = [x for x in left if wanted.isdisjoint(x.writes)]
-        wanted.update(i for x in more for i in _read_topics(x))
+        wanted.update(i for x in more for i in x.reads)
         found += more
     yield from sorted(found, key=lambda x: x.index)
-
-
-def _read_topics(x: Component) -> list[int]:
-    assert x.node is not None
-    return x.reads
 
 
 def lease_files(system: System, prefix: str) -> list[PackageFile]:

@@ -114,7 +114,7 @@ class BridgeSource:
         converter = MessageConverter(mapped, MAVLINK, MAVLINK_C, "m")
         message, constants = _message_type(mapped), mapped.constants
         source = parse_source(mapped.publisher) if mapped.publisher else None
-        inward = converter.inward_statements("(*to)")
+        inward = converter.inward_statements()
         return {
             **self._topic_values(index, mapped),
             "lines": [
@@ -134,7 +134,7 @@ class BridgeSource:
         converter = MessageConverter(mapped, MAVLINK, MAVLINK_C, "m")
         return {
             **self._topic_values(index, mapped),
-            "lines": [*_address_statements(mapped), *converter.outward_statements("(*from)")],
+            "lines": [*_address_statements(mapped), *converter.outward_statements()],
             "law": self.bridged.law_statements(index),
             "silent_ns": self.bridged.silent_ns(index),
         }

@@ -96,14 +96,14 @@ class MessageConverter:
 
     # ------------------------------------------------------------ in
 
-    def inward_statements(self, value: str) -> list[str]:
-        """Statements that fill a value, or `return false` if the message lacks a part."""
+    def inward_statements(self) -> list[str]:
+        """Statements that fill the value `*to`, or `return false` if the message lacks a part."""
         lines: list[str] = []
         for name, most in self._indexed_sequences():
             size = self.dialect.size.format(self.field_code(name))
             lines += refusal_code(f"{size} <= {most}U")
         for path, leaf in self.mapped.leaves.items():
-            lines += self._inward_leaf_lines(path, leaf, f"{value}{self.leaf_code(path)}")
+            lines += self._inward_leaf_lines(path, leaf, f"(*to){self.leaf_code(path)}")
         return [*lines, "return true;"]
 
     def _inward_leaf_lines(self, path: LeafPath, leaf: Leaf, to: str) -> list[str]:
@@ -176,8 +176,8 @@ class MessageConverter:
 
     # ------------------------------------------------------------ out
 
-    def outward_statements(self, value: str) -> list[str]:
-        """Statements that fill a message from a value; raises SoterError D015 for a scan."""
+    def outward_statements(self) -> list[str]:
+        """Statements that fill a message from `*from`; raises SoterError D015 for a scan."""
         lines = []
         for path, leaf in self.mapped.leaves.items():
             if isinstance(leaf, NearestSource):
@@ -185,7 +185,7 @@ class MessageConverter:
                     f"`{self.mapped.leaf_name(path)}` goes out, and no scan is made of it"
                 )
             if isinstance(leaf, SignalSource):
-                lines += self._outward_leaf_lines(path, leaf, f"{value}{self.leaf_code(path)}")
+                lines += self._outward_leaf_lines(path, leaf, f"(*from){self.leaf_code(path)}")
         for name, constant in self.mapped.constants.items():
             lines.append(self._constant_statement(name, constant))
         return lines
@@ -266,11 +266,11 @@ class MessageConverter:
         return f"{int(value)}U" if isinstance(t, (BoolType, EnumType)) else _int_code(int(value))
 
 
-def topic_tests(topic: Topic, value: str) -> list[str]:
-    """C++ conditions for values that the trusted part accepts: finite and in the topic's set."""
+def topic_tests(topic: Topic) -> list[str]:
+    """C++ conditions that the trusted part has for `value`: finite, and in the topic's set."""
     tests = []
     for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
-        field = f"{value}{MessageConverter.leaf_code(path)}"
+        field = f"value{MessageConverter.leaf_code(path)}"
         if isinstance(t, FloatType):
             tests.append(f"std::isfinite({field})")
         if bound is not None and isinstance(t, FloatType):

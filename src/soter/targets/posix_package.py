@@ -34,6 +34,7 @@ from soter.targets.world_interface import (
     STATUS_TEXT,
     WorldTables,
     channel_document_files,
+    word_count,
 )
 from soter.workers.exchange import Exchange, make_exchange
 
@@ -219,7 +220,7 @@ def _template_values(
     program: c99.ProgramInC, workers: list[Worker], world: WorldTables
 ) -> dict[str, object]:
     system, unit = program.system, program.unit
-    words = [world.value_words, *((size + 7) // 8 for w in workers for size in w.exchange.sizes)]
+    words = [world.value_words, *(word_count(size) for w in workers for size in w.exchange.sizes)]
     flown = [FIRST_LINE, *(f"{n}={text}" for n, text in flight_head(system, unit.layout).items())]
     late, response = late_limits(system)
     return {

@@ -70,7 +70,7 @@ class RosPackage:
     bridged: BridgedSystem
     simulated: list[str]
     mapped: list[TopicMap]
-    patience_s: int = 1_000_000_000
+    patience_s = 1_000_000_000
     """How long the trusted part waits for its sensors: practically for ever."""
 
     @property

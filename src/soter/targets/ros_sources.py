@@ -106,7 +106,7 @@ class NodeSources:
     """Writes the nodes of a system; `mapped` has an entry for each source of each topic."""
 
     def __init__(
-        self, bridged: BridgedSystem, name: str, mapped: Sequence[TopicMap], version: int = 1
+        self, bridged: BridgedSystem, name: str, mapped: Sequence[TopicMap], version: int
     ) -> None:
         self.version = version
         self.bridged = bridged
@@ -166,7 +166,7 @@ class NodeSources:
             "capitals": self._struct_name(topic.index),
             "value": self.bridged.value_type(topic.index),
             "after_ns": [promise.after_ns for _, promise in sources],
-            "tests": topic_tests(topic, "value"),
+            "tests": topic_tests(topic),
         }
 
     def _topic_values(self, mapped: TopicMap) -> dict[str, object]:
@@ -208,11 +208,11 @@ class NodeSources:
             "stamped": "true" if mapped.stamp else "false",
             "delay_ns": mapped.delay_ns,
             "stamp": _stamp_code(mapped.stamp, converter, scanned=scanned),
-            "lines": converter.inward_statements("(*to)"),
+            "lines": converter.inward_statements(),
         }
 
     def _outward_values(self, mapped: TopicMap, message: MessageType) -> dict[str, object]:
-        lines = MessageConverter(mapped, self.version, CPP, "(*m)").outward_statements("(*from)")
+        lines = MessageConverter(mapped, self.version, CPP, "(*m)").outward_statements()
         if message.has_header:
             lines.append("(*m).header.stamp = soter::stamp_of(stamp_ns);")
         return {

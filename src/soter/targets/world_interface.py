@@ -140,7 +140,7 @@ class LeasedModule:
     components: tuple[int, ...]
     ages: tuple[AgeLimit, ...]
     outputs: tuple[CommandedTopic, ...]
-    head_bytes: int = HEAD_BYTES
+    head_bytes = HEAD_BYTES
 
     @property
     def channel(self) -> str:
@@ -156,9 +156,7 @@ class LeasedModule:
     @property
     def message_words(self) -> int:
         """How many 8-byte words a message has; every output begins at a word."""
-        return _word_count(HEAD_BYTES) + sum(
-            _word_count(size_of(o.topic.type)) for o in self.outputs
-        )
+        return word_count(HEAD_BYTES) + sum(word_count(size_of(o.topic.type)) for o in self.outputs)
 
 
 class WorldTables:
@@ -205,7 +203,7 @@ class WorldTables:
     @property
     def value_words(self) -> int:
         """How many 8-byte words the longest exchanged value has."""
-        topics = (_word_count(size_of(t.type)) for t in self.topics)
+        topics = (word_count(size_of(t.type)) for t in self.topics)
         return max([1, self.message_words, *topics])
 
     @property
@@ -223,10 +221,7 @@ class WorldTables:
         """Whether the system has plants, so that commands must return into the state."""
         return any(x.plant is not None for x in self.system.components)
 
-    @staticmethod
-    def number(topic: Topic) -> int:
-        """The number that identifies the layout of a topic's value in the head of its channel."""
-        return topic_layout_number(topic)
+    number = staticmethod(topic_layout_number)
 
     @property
     def status_number(self) -> int:
@@ -295,5 +290,6 @@ class WorldTables:
         return [self._filled_file(name, "channels.h")] if self.topics_with_channel else []
 
 
-def _word_count(size: int) -> int:
+def word_count(size: int) -> int:
+    """How many words of 8 bytes hold `size` bytes."""
     return (size + 7) // 8

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from generators.explorer_configurations import asking_stream, packed_bits, replay
 from soter.core.steps import lower
 from soter.explore.engine.explorer_library import Engine, RawChoice, RawStep
 from soter.explore.model.exploration_plan import make_plan
@@ -123,8 +124,9 @@ def walk(engine: Engine, seed: int) -> list[RawStep]:
         ]
         draw.shuffle(due)
         for i in due:
-            asks = engine.actors[i].name in ASKING
-            choices = (RawChoice(0, 3, draw.randrange(3)),) if asks else ()
+            name = engine.actors[i].name
+            asked = RawChoice(asking_stream(name), 3, draw.randrange(3)) if name in ASKING else None
+            choices = () if asked is None else (asked,)
             steps.append(RawStep(i, 0, now, now, choices))
     return steps
 
@@ -135,14 +137,16 @@ def test_independent_steps_of_an_instant_may_be_swapped(path: Path, test: str) -
     swapped = 0
     for seed in range(40):
         steps = walk(engine, seed)
-        possible, _, configurations = engine.replay(steps)
+        possible, _, configurations = replay(engine, steps)
         for k in range(2, possible):
             a, b = steps[k - 1], steps[k]
             if a.time_ns != b.time_ns or engine.actors[a.actor].dependent >> b.actor & 1:
                 continue
-            done, _, after = engine.replay([*steps[: k - 1], b, a])
+            done, _, after = replay(engine, [*steps[: k - 1], b, a])
             assert done == k + 1
-            assert (engine.pack(after[k]) == engine.pack(configurations[k])).all(), (seed, k)
+            assert (
+                packed_bits(engine, after[k]) == packed_bits(engine, configurations[k])
+            ).all(), (seed, k)
             swapped += 1
     assert swapped > 100
 
@@ -152,12 +156,15 @@ def test_a_step_changes_only_what_its_footprint_says() -> None:
     model, looked = engine.model, 0
     for seed in range(40):
         steps = walk(engine, seed)
-        possible, _, configurations = engine.replay(steps)
+        possible, _, configurations = replay(engine, steps)
         looked += possible
         for k in range(1, possible):
             if steps[k].time_ns != steps[k - 1].time_ns:
                 continue  # ages are relative to now
-            before, after = engine.pack(configurations[k - 1]), engine.pack(configurations[k])
+            before, after = (
+                packed_bits(engine, configurations[k - 1]),
+                packed_bits(engine, configurations[k]),
+            )
             writes = model.actor[steps[k].actor].writes
             for word in range(engine.words):
                 may = int(writes[word]) | int(model.scheduled[word])

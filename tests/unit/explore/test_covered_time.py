@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import soter
+from generators.explorer_configurations import stored_configurations
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.results import CHOICES, EXHAUSTED, MEMORY, SAMPLED, STATES
 from soter.language.front_end import check_file, system_of_test
@@ -73,14 +74,14 @@ class Whole:
         assert exploration.covered_ns >= self.horizon
         self.states = exploration.states
         self.keys, self.times = self.kept()
-        configurations = self.engine.stored_configurations()
+        configurations = stored_configurations(self.engine)
         first = self.at + 8 * (1 + int(self.engine.model.timeds) + int(program.modules))
         done = configurations[:, first : first + 4 * len(self.engine.actors)].copy().view(np.uint32)
         self.steps: npt.NDArray[np.int64] = done.sum(axis=1, dtype=np.int64)
 
     def kept(self) -> tuple[npt.NDArray[np.void], npt.NDArray[np.int64]]:
         """Of the configurations that the last search stored: bytes and times, (states,) each."""
-        configurations = np.ascontiguousarray(self.engine.stored_configurations())
+        configurations = np.ascontiguousarray(stored_configurations(self.engine))
         times = configurations[:, self.at : self.at + 8].copy().view(np.int64)[:, 0]
         return configurations.view(np.dtype((np.void, configurations.shape[1])))[:, 0], times
 

@@ -14,7 +14,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.explore.command import TraceHeader, explore_test, save_traces
 from soter.explore.replay import replay
 from soter.explore.search_options import SearchOptions
-from soter.explore.trace import read_trace
+from soter.explore.trace import read_document, trace_from_document
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
@@ -131,7 +131,10 @@ def test_each_has_a_file_of_its_own(tmp_path: Path) -> None:
     names = ["small-Some.trace.json", *(f"small-Some-{i}.trace.json" for i in range(2, 6))]
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(names)
     for one, name in zip((test_result, *test_result.others), names, strict=True):
-        assert read_trace(tmp_path / name).broken == one.broken
+        assert (
+            trace_from_document(read_document(tmp_path / name), tmp_path / name).broken
+            == one.broken
+        )
 
 
 @pytest.mark.long

@@ -15,7 +15,7 @@ from soter.diagnostics.command_records import bytes_of, make_record
 from soter.explore.command import TraceHeader, UnreproducedError, explore_test
 from soter.explore.replay import replay
 from soter.explore.search_options import SearchOptions
-from soter.explore.trace import read_trace
+from soter.explore.trace import read_document, trace_from_document
 from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TESTED
 from unit.explore.random_walks import system_of_text
 
@@ -233,7 +233,7 @@ def test_from_a_program_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert repr(report) == "<soter.ExploreReport small.soter: Far violated>"
     trace = report["Far"].trace
     assert trace == Path(".soter/small-Far.trace.json")
-    assert read_trace(trace).steps
+    assert trace_from_document(read_document(trace), trace).steps
     assert (tmp_path / ".soter" / "small-Far.html").is_file()
     again = soter.replay(trace)
     assert again.reproduced

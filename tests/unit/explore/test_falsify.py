@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from generators.explorer_configurations import replay
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from unit.explore.random_walks import system_of_text
 
@@ -94,7 +95,7 @@ def search(text: str, test: str, strategy: str, runs: int, seed: int = 1) -> Sea
     try:
         exploration = engine.explore(settings)
         if exploration.status == "violated":
-            assert engine.replay(exploration.steps, seed)[1] == exploration.broken
+            assert replay(engine, exploration.steps, exploration.broken, seed)[1]
     finally:
         engine.close()
     return exploration

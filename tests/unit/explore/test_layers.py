@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from generators.explorer_configurations import stored_configurations
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.search_options import REDUCTIONS
 from soter.language.front_end import check_file, system_of_test
@@ -31,7 +32,7 @@ def test_its_table_is_much_smaller_than_one_of_all_that_was_found() -> None:
     walks = (("a", "10ms"), ("b", "10ms"), ("c", "20ms"))
     engine = engine_of("horizon 200ms; always a <= 9;", *walks)
     wide = engine.explore(EngineSettings(reduction="sleep", keep=True))
-    kept = {w.tobytes() for w in engine.stored_configurations()}
+    kept = {w.tobytes() for w in stored_configurations(engine)}
     assert len(kept) == wide.states
     each = 8 * int(engine.model.words)
     assert wide.table_bytes + wide.frontier_bytes < wide.states * each / 2
@@ -41,7 +42,7 @@ def test_where_releases_are_lost_by_overruns_all_layers_are_kept() -> None:
     items = "horizon 60ms; overrun Na by 25ms; always a <= 9;"
     engine = engine_of(items, ("a", "10ms"))
     wide = engine.explore(EngineSettings(reduction="none", keep=True))
-    kept = {w.tobytes() for w in engine.stored_configurations()}
+    kept = {w.tobytes() for w in stored_configurations(engine)}
     assert wide.status == "exhausted"
     assert wide.states == len(kept)
 
@@ -72,7 +73,7 @@ def stored(engine: Engine, reduction: str, threads: int, memory: int) -> list[by
     how = EngineSettings(reduction=reduction, threads=threads, memory=memory, keep=True)
     exploration = engine.explore(how)
     assert (exploration.status, exploration.threads) == ("exhausted", threads)
-    rows = sorted(row.tobytes() for row in engine.stored_configurations())
+    rows = sorted(row.tobytes() for row in stored_configurations(engine))
     assert len(rows) == exploration.states
     return rows
 

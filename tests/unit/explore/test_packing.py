@@ -10,6 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from generators.explorer_configurations import (
+    asking_stream,
+    packed_bits,
+    replay,
+    stored_configurations,
+    unpack_bits,
+)
 from soter.core.layout import NEVER
 from soter.explore.engine.explorer_library import Engine, EngineSettings, RawChoice, RawStep
 from soter.language.front_end import check_file, system_of_test
@@ -47,7 +54,7 @@ def rich() -> Engine:
 
 
 def born(engine: Engine) -> Configuration:
-    return np.array(engine.replay([BIRTH])[2][0])
+    return np.array(replay(engine, [BIRTH])[2][0])
 
 
 def made(engine: Engine, fields: list[Field]) -> Configuration:
@@ -61,11 +68,11 @@ def test_a_configuration_comes_back_as_it_was(engine: Engine) -> None:
     maker, scratch = ConfigurationMaker(engine, 1), born(engine)
     for _ in range(300):
         fields = maker.fields(maker.time())
-        words = engine.pack(made(engine, fields))
-        engine.unpack(words, scratch)
+        words = packed_bits(engine, made(engine, fields))
+        unpack_bits(engine, words, scratch)
         for f in fields:
             assert repr(f.get(scratch)) == repr(f.value), f.name
-        assert (engine.pack(scratch) == words).all()
+        assert (packed_bits(engine, scratch) == words).all()
 
 
 def test_configurations_that_differ_in_one_field_pack_differently(engine: Engine) -> None:
@@ -73,16 +80,16 @@ def test_configurations_that_differ_in_one_field_pack_differently(engine: Engine
     for _ in range(30):
         fields = maker.fields(maker.time())
         configuration = made(engine, fields)
-        words = engine.pack(configuration)
+        words = packed_bits(engine, configuration)
         for f in fields:
             value = f.others()
             if repr(value) == repr(f.value):
                 continue
             f.put(configuration, value)
-            assert (engine.pack(configuration) != words).any(), f.name
+            assert (packed_bits(engine, configuration) != words).any(), f.name
             f.put(configuration, f.value)
             differed.add(f.name)
-        assert (engine.pack(configuration) == words).all()
+        assert (packed_bits(engine, configuration) == words).all()
     assert {f.name for f in fields} - {"now"} <= {*differed, *constant(fields)}
 
 
@@ -95,32 +102,32 @@ def test_equal_configurations_at_different_times_have_different_words(engine: En
     tick = engine.plan.tick_ns
     configuration = born(engine)
     at = ConfigurationMaker(engine, 3).layout.size
-    seen = {engine.pack(configuration).tobytes()}
+    seen = {packed_bits(engine, configuration).tobytes()}
     for k in range(engine.plan.horizon_ns // tick):
         struct.pack_into("<q", configuration.data, at, k * tick)
-        seen.add(engine.pack(configuration).tobytes())
+        seen.add(packed_bits(engine, configuration).tobytes())
     assert len(seen) == engine.plan.horizon_ns // tick + 1
 
 
 def test_the_configuration_before_the_first_step_comes_back(engine: Engine) -> None:
     configuration = born(engine)
     again = made(engine, ConfigurationMaker(engine, 4).fields(engine.plan.tick_ns))
-    engine.unpack(engine.pack(configuration), again)
+    unpack_bits(engine, packed_bits(engine, configuration), again)
     assert struct.unpack_from("<q", again.data, 0)[0] == -1
-    assert (engine.pack(again) == engine.pack(configuration)).all()
+    assert (packed_bits(engine, again) == packed_bits(engine, configuration)).all()
 
 
 def test_no_packed_configuration_is_all_zeros(engine: Engine) -> None:
-    assert int(engine.pack(np.zeros(engine.configuration_size, dtype=np.uint8))[0]) & 1 == 1
+    assert int(packed_bits(engine, np.zeros(engine.configuration_size, dtype=np.uint8))[0]) & 1 == 1
 
 
 def test_what_nobody_reads_is_left_out(rich: Engine) -> None:
     configuration = born(rich)
-    words = rich.pack(configuration)
+    words = packed_bits(rich, configuration)
     unread = next(t for t in rich.system.topics if t.name == "unread")
     at = ConfigurationMaker(rich, 5).layout.topic_offset(unread.index)
     struct.pack_into("<d", configuration.data, at, 4.5)
-    assert (rich.pack(configuration) == words).all()
+    assert (packed_bits(rich, configuration) == words).all()
 
 
 def test_a_topic_that_is_too_old_is_like_one_that_never_was(rich: Engine) -> None:
@@ -132,9 +139,9 @@ def test_a_topic_that_is_too_old_is_like_one_that_never_was(rich: Engine) -> Non
     packed = {}
     for age in (20_000_000, 25_000_000, 30_000_000, 45_000_000):
         struct.pack_into("<q", configuration.data, at, 50_000_000 - age)
-        packed[age] = rich.pack(configuration).tobytes()
+        packed[age] = packed_bits(rich, configuration).tobytes()
     struct.pack_into("<q", configuration.data, at, NEVER)
-    never = rich.pack(configuration).tobytes()
+    never = packed_bits(rich, configuration).tobytes()
     assert packed[30_000_000] == packed[45_000_000] == never
     assert len({packed[20_000_000], packed[25_000_000], never}) == 3
 
@@ -145,10 +152,10 @@ def test_what_a_finished_step_once_held_does_not_matter(rich: Engine) -> None:
     number = next(i for i, a in enumerate(rich.actors) if a.overrun_ns)
     at = int(rich.model.actor[number].held)
     struct.pack_into("<q", configuration.data, at, -1)
-    words = rich.pack(configuration)
+    words = packed_bits(rich, configuration)
     struct.pack_into("<Q", configuration.data, at + 8, 0)
     configuration[at + 16] ^= 1
-    assert (rich.pack(configuration) == words).all()
+    assert (packed_bits(rich, configuration) == words).all()
 
 
 def test_an_invariant_is_judged_for_two_periods_of_its_module(rich: Engine) -> None:
@@ -159,14 +166,14 @@ def test_an_invariant_is_judged_for_two_periods_of_its_module(rich: Engine) -> N
 
 def test_every_stored_configuration_comes_back(engine: Engine) -> None:
     engine.explore(EngineSettings(max_states=5_000, keep=True))
-    configurations = engine.stored_configurations()
+    configurations = stored_configurations(engine)
     assert len(configurations) > 1_000
     scratch = born(engine)
     packed = set()
     for configuration in configurations:
-        words = engine.pack(configuration)
-        engine.unpack(words, scratch)
-        assert (engine.pack(scratch) == words).all()
+        words = packed_bits(engine, configuration)
+        unpack_bits(engine, words, scratch)
+        assert (packed_bits(engine, scratch) == words).all()
         packed.add(words.tobytes())
     assert len(packed) == len(configurations)
     engine.close()
@@ -185,7 +192,7 @@ def candidates(engine: Engine, configuration: Configuration, at: int) -> list[Ra
         for kind in kinds:
             asked = kind == 0 and a.name in {"input.hue", "Keep.AnyMove"}
             for pick in range(3 if asked else 1):
-                choices = (RawChoice(0, 3, pick),) if asked else ()
+                choices = (RawChoice(asking_stream(a.name), 3, pick),) if asked else ()
                 first = max(release, now)
                 steps += [
                     RawStep(i, kind, release, time, choices)
@@ -206,20 +213,20 @@ def test_every_configuration_of_an_execution_comes_back_with_skips_and_overruns(
     for _ in range(12):
         steps = [BIRTH]
         for _ in range(25):
-            configuration = rich.replay(steps)[2][-1]
+            configuration = replay(rich, steps)[2][-1]
             some = candidates(rich, configuration, at)
             draw.shuffle(some)
-            step = next((s for s in some if rich.replay([*steps, s])[0] == len(steps) + 1), None)
+            step = next((s for s in some if replay(rich, [*steps, s])[0] == len(steps) + 1), None)
             if step is None:
                 break
             kinds[step.kind] += 1
             steps.append(step)
-            configuration = rich.replay(steps)[2][-1]
-            words = rich.pack(configuration)
-            rich.unpack(words, scratch)
+            configuration = replay(rich, steps)[2][-1]
+            words = packed_bits(rich, configuration)
+            unpack_bits(rich, words, scratch)
             (now,) = struct.unpack_from("<q", configuration.data, at)
             for f in maker.fields(now):
                 if not f.name.startswith(("held", "mask", "stamp")):
                     assert repr(f.get(scratch)) == repr(f.get(configuration)), (f.name, len(steps))
-            assert (rich.pack(scratch) == words).all()
+            assert (packed_bits(rich, scratch) == words).all()
     assert all(n > 3 for n in kinds.values()), kinds

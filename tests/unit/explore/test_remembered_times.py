@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from generators.explorer_configurations import packed_bits, stored_configurations
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.language.front_end import check_file, system_of_test
 
@@ -56,7 +57,7 @@ def test_steps_remembered_with_their_times_reach_the_configurations_of_steps_tha
         how = EngineSettings(reduction="none", keep=True, go_on=True, plainly=plainly)
         search = engine.explore(how)
         assert search.status in {"exhausted", "violated"}
-        configurations = {engine.pack(w).tobytes() for w in engine.stored_configurations()}
+        configurations = {packed_bits(engine, w).tobytes() for w in stored_configurations(engine)}
         assert len(configurations) == search.states
         outcome_by_mode[plainly] = (search.status, configurations, search.transitions)
     assert outcome_by_mode[False][:2] == outcome_by_mode[True][:2]

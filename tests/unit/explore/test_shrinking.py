@@ -12,22 +12,18 @@ from generators.small_test_programs import small_program
 from long_tests import examples, seeds
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.command import TraceHeader, explore_test, make_trace
+from soter.explore.engine.explorer_library import array_to_steps, steps_to_array
 from soter.explore.engine.search import Search
-from soter.explore.engine.shrink import (
-    Guided,
-    Shrinker,
-    array_to_steps,
-    execution_cost,
-    steps_to_array,
-)
+from soter.explore.engine.shrink import Guided, Shrinker, execution_cost
 from soter.explore.replay import replay
 from soter.explore.search_options import SearchOptions
 from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TESTED
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
+    from soter.explore.engine.explorer_library import Steps
     from soter.explore.engine.search import Found
-    from soter.explore.engine.shrink import Cost, Steps
+    from soter.explore.engine.shrink import Cost
     from soter.explore.replay import Replayed
     from soter.explore.results import TestResult
     from soter.language.model.system import System

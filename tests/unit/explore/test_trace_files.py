@@ -10,7 +10,14 @@ import pytest
 
 from generators.damaged_json import MISSING, damaged
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore.trace import BYTES_MAX, program_path, read_trace, trace_document, write_trace
+from soter.explore.trace import (
+    BYTES_MAX,
+    program_path,
+    read_document,
+    trace_document,
+    trace_from_document,
+    write_trace,
+)
 from unit.explore.explored_programs import TESTED
 from unit.explore.random_walks import system_of_text, walk
 
@@ -23,6 +30,10 @@ if TYPE_CHECKING:
 @pytest.fixture(scope="module")
 def trace() -> Trace:
     return walk(system_of_text(TESTED, "Skips"), 3).trace
+
+
+def read_trace(path: Path) -> Trace:
+    return trace_from_document(read_document(path), path)
 
 
 def test_what_is_written_is_read_back(trace: Trace, tmp_path: Path) -> None:

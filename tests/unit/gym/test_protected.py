@@ -28,11 +28,15 @@ from soter.gym import compiled_system as compiled_module
 from soter.gym import vector as vector_module
 from soter.gym.array_mapping import action_space
 from soter.language.model.system import Bound, Topic
+from soter.native.loaded_program import RunStatus
 from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import FrameType
+
+    from soter.gym.session import Session
+    from soter.language.model.system import Component
 
 FULL = np.array([3.0], dtype=np.float32)
 
@@ -77,6 +81,16 @@ def test_the_agent_is_asked_every_10_ms_and_the_cart_moves_every_5() -> None:
     assert (reward, env.env.unwrapped.done, info["own"]) == (2.0, 4, 2)  # type: ignore[attr-defined]
 
 
+def run_to_due_component(session: Session) -> Component:
+    """Runs until the plant or the agent has to answer, and gives that component."""
+    while True:
+        status, _, due = session.compiled.library.run_until(session.state, 2**62)
+        assert status is RunStatus.EXTERN
+        if due in (session.plant.index, session.agent.index):
+            return session.system.components[due]
+        session._answers.answer_step(session.state, due)
+
+
 def test_a_run_of_the_program_is_the_same_run_with_agent_and_plant_outside() -> None:
     program = soter.load(CART)
     run = program.simulate(until="20s", seed=3)
@@ -90,7 +104,7 @@ def test_a_run_of_the_program_is_the_same_run_with_agent_and_plant_outside() -> 
     trace = run.require_trace()
     instant = 0
     while instant < len(trace) - 1:
-        asked = session.run_to_due_component()
+        asked = run_to_due_component(session)
         if asked is session.plant:
             instant += 1
             session.move_to_values([float(v) for v in outside.states[instant]])
@@ -103,7 +117,7 @@ def test_a_run_of_the_program_is_the_same_run_with_agent_and_plant_outside() -> 
         goal = trace["topics"]["goal"][instant]
         wish = 4.0 * (float(goal) - float(motion["x"])) - 1.0 * float(motion["v"])
         session.act_with_values([min(max(wish, -3.0), 3.0)])
-        session.run_to_due_component()
+        run_to_due_component(session)
         assert session.record["topics"]["accel"] == trace["topics"]["accel"][instant]
     assert session.record["modules"]["to_sc"][0] > 0, "a run in which something happens"
 

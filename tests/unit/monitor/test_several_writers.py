@@ -43,6 +43,7 @@ from generators.robot_logs import (
 )
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
+from soter.monitor.log_files.log_columns import Writers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -178,3 +179,12 @@ def test_two_entries_of_one_topic_in_a_mapping_are_told(tmp_path: Path) -> None:
     (problem,) = error.value.diagnostics
     assert problem.code == "D015"
     assert "motion" in problem.message + " ".join(problem.notes)
+
+
+def test_of_many_writers_the_first_eight_are_named_and_the_others_counted() -> None:
+    writers = Writers()
+    for n in range(10):
+        writers.note_message("/odom", f"n{n}")
+    (told,) = writers.notes
+    assert "`/odom` has 10 writers" in told
+    assert "n7 (1) and 2 more, 9 changes" in told

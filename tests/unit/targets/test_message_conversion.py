@@ -135,8 +135,8 @@ def convert(system: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     text = MAIN % {
         "type": unit.topics[motion.topic.index][0],
         "pair": unit.topics[scan.topic.index][0],
-        "motion": "\n    ".join(MessageConverter(motion, 1, CPP, "m").inward_statements("(*to)")),
-        "ranges": "\n  ".join(MessageConverter(scan, 1, CPP, "m").inward_statements("(*to)")),
+        "motion": "\n    ".join(MessageConverter(motion, 1, CPP, "m").inward_statements()),
+        "ranges": "\n  ".join(MessageConverter(scan, 1, CPP, "m").inward_statements()),
     }
     (folder / "main.cpp").write_text(text)
     words = [compiler, "-std=c++17", "-Wall", "-Wextra", "-Werror", "-O2", *MEANING, "-I."]
@@ -225,7 +225,7 @@ def test_a_nan_stays_one_for_whoever_judges(convert: Any) -> None:
 
 def test_the_way_out_is_the_way_in_backwards(system: Any) -> None:
     out = mapped(system, "out", {**ODOMETRY, "fields": FIELDS, "set": {"header.frame_id": 'a"b\\'}})
-    lines = MessageConverter(out, 1, CPP, "m").outward_statements("(*from)")
+    lines = MessageConverter(out, 1, CPP, "m").outward_statements()
     assert "m.pose.pose.position.x = (((*from).x - -1.25) / 0.3);" in lines
     assert any("child_frame_id" in x and '"BACK"' in x for x in lines)
     assert 'm.header.frame_id = "a\\042b\\134";' in lines
@@ -242,17 +242,17 @@ def test_the_way_out_is_the_way_in_backwards(system: Any) -> None:
 def test_what_no_code_can_do_is_said(system: Any, topic: str, fields: Any, what: str) -> None:
     made = MessageConverter(mapped(system, topic, {**ODOMETRY, "fields": fields}), 1, CPP, "m")
     if not what:
-        assert made.outward_statements("(*from)")
+        assert made.outward_statements()
         return
     with pytest.raises(SoterError, match=what) as error:
-        made.inward_statements("(*to)")
+        made.inward_statements()
     assert error.value.diagnostics[0].code == "D015"
 
 
 def test_an_int_that_the_field_cannot_hold_does_not_go_out(system: Any) -> None:
     given = {"channel": "/n", "type": "std_msgs/Int32", "fields": {"value": "data"}}
     with pytest.raises(SoterError, match="which a `int32` cannot hold"):
-        MessageConverter(mapped(system, "big", given), 1, CPP, "m").outward_statements("(*from)")
+        MessageConverter(mapped(system, "big", given), 1, CPP, "m").outward_statements()
 
 
 @pytest.mark.parametrize("text", ['"; system("x"); //', "a\nb", "\\", "\x1b[2J", "ä"])

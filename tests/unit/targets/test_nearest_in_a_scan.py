@@ -107,7 +107,7 @@ def seen(system: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     made = mapped(system)
     write_headers(made.message, folder)
     shutil.copy(RUNTIME / "bridge" / "soter_scan.hpp", folder)
-    lines = "\n  ".join(MessageConverter(made, 1, CPP, "m").inward_statements("(*to)"))
+    lines = "\n  ".join(MessageConverter(made, 1, CPP, "m").inward_statements())
     (folder / "main.cpp").write_text(MAIN % lines)
     words = [compiler, "-std=c++11", "-Wall", "-Wextra", "-Werror", "-I.", "-o", "see", "main.cpp"]
     done = processes.run(words, cwd=folder, capture_output=True, text=True, check=False)
@@ -266,7 +266,7 @@ def test_only_a_scan_has_something_nearest(system: Any) -> None:
 
 def test_no_scan_is_made_of_what_goes_out(system: Any) -> None:
     with pytest.raises(SoterError, match="no scan is made of it") as error:
-        MessageConverter(mapped(system, topic="out"), 1, CPP, "m").outward_statements("(*from)")
+        MessageConverter(mapped(system, topic="out"), 1, CPP, "m").outward_statements()
     assert error.value.diagnostics[0].code == "D015"
 
 

@@ -69,7 +69,7 @@ def expanded_predicates(system: System, module: Module) -> Iterator[ExpandedPred
         yield ExpandedPredicate(
             module.name,
             name,
-            " ".join(predicate.span.text.split()),
+            predicate.span.text_on_one_line,
             expansion.predicate_text(predicate),
             where=tuple(expansion.where),
             constants=tuple(expansion.constants.values()),
@@ -237,7 +237,7 @@ class _Expansion:
                 return f"{self.expression_text(e.target, env).bracketed(ATOM)}[{index}]"
             case typed.TypedLength():
                 return f"{self.expression_text(e.target, env).bracketed(ATOM)}.len"
-        return " ".join(e.span.text.split())  # `time`, `dt`: the same everywhere
+        return e.span.text_on_one_line  # `time`, `dt`: the same everywhere
 
     # ------------------------------------------------------------ functions
 
@@ -274,7 +274,7 @@ class _Expansion:
             if isinstance(n, typed.TypedCall):
                 called[n.span.text.partition("(")[0].strip()] = self.kept_call_name(n.fun)
             elif isinstance(n, typed.ParamRead) or (isinstance(n, typed.Literal) and n.name):
-                called[" ".join(n.span.text.split())] = self.expression_text(n, {}).text
+                called[n.span.text_on_one_line] = self.expression_text(n, {}).text
         notes = [f"{part} is {text}" for part, text in called.items() if part != text]
         text = name + _source_text(fun)[len(short) :] + f"  // {', '.join(notes)}" * bool(notes)
         self.functions[fun.name] = Definition(name, text)

@@ -236,7 +236,7 @@ def _top_goal_text(flat: System) -> str:
 
 
 def _safe(m: Module) -> str:
-    return " ".join(m.symbol.safe.span.text.split())
+    return m.symbol.safe.span.text_on_one_line
 
 
 def _add_module_goals(
@@ -453,7 +453,7 @@ def _equation_texts(plant: PlantSymbol) -> tuple[str, ...]:
     equations = [("let", v, e) for v, e in plant.lets]
     equations += [("der", v, e) for v, e in plant.der.items()]
     equations += [("next", v, e) for v, e in plant.next.items()]
-    return tuple(f"{word} {v.name} = {' '.join(e.span.text.split())}" for word, v, e in equations)
+    return tuple(f"{word} {v.name} = {e.span.text_on_one_line}" for word, v, e in equations)
 
 
 # ---------------------------------------------------------------- files

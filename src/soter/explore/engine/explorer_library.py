@@ -27,6 +27,7 @@ from soter.explore.model.exploration_plan import (
 )
 from soter.explore.model.explorer_model import generate_model
 from soter.explore.search_options import (
+    CHOICES_MAX,
     STATUSES,
     STEPS_MAX,
     SearchOptions,
@@ -44,9 +45,11 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.core.core import CoreSystem
-    from soter.core.layout import Bytes, Words
     from soter.explore.engine.coverage import EngineProgress, Observations
     from soter.language.model.system import System
+
+    Steps = npt.NDArray[np.void]
+    """(n,) of `STEP`."""
 
 
 C_FOLDER = Path(__file__).parent / "c"
@@ -95,12 +98,59 @@ class RawStep:
     choices: tuple[RawChoice, ...]
 
 
+NOBODY = 2**32 - 1
+"""The `actor` of the start."""
+CHOICE = np.dtype([("stream", "u8"), ("count", "u4"), ("pick", "u4")], align=True)
+STEP = np.dtype(
+    [
+        ("actor", "u4"),
+        ("kind", "u4"),
+        ("release", "i8"),
+        ("time", "i8"),
+        ("choices", "u4"),
+        ("choice", CHOICE, (CHOICES_MAX,)),
+    ],
+    align=True,
+)
+"""`soter_trace_step`."""
+
+
+def array_pointer(ffi: Any, kind: str, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cffi
+    """The address of an array's first element, as the C type `kind`."""
+    return ffi.cast(kind, array.ctypes.data)
+
+
+def steps_to_array(steps: Sequence[RawStep]) -> Steps:
+    """The steps as an array of `STEP` records, (n,)."""
+    made = np.zeros(len(steps), dtype=STEP)
+    for row, step in zip(made, steps, strict=True):
+        row["actor"] = step.actor if step.actor >= 0 else NOBODY
+        row["kind"], row["release"], row["time"] = step.kind, step.release_ns, step.time_ns
+        row["choices"] = len(step.choices)
+        for place, choice in enumerate(step.choices):
+            row["choice"][place] = (choice.stream, choice.count, choice.pick)
+    return made
+
+
+def array_to_steps(made: Steps) -> tuple[RawStep, ...]:
+    """The steps in an array of `STEP` records, (n,)."""
+    raw_steps = []
+    for row in made:
+        asked = row["choice"][: int(row["choices"])].tolist()
+        actor = -1 if row["actor"] == NOBODY else int(row["actor"])
+        choices = tuple([RawChoice(*c) for c in asked])
+        raw_steps.append(
+            RawStep(actor, int(row["kind"]), int(row["release"]), int(row["time"]), choices)
+        )
+    return tuple(raw_steps)
+
+
 @dataclass(frozen=True, kw_only=True)
 class EngineSettings(SearchOptions):
     """The settings of the engine: the user's options, and those that tests and `Search` set.
 
     `plainly`: run every step, remember no step. `go_on`: do not stop at a violation. `keep`: keep
-    the stored configurations for `stored_configurations`. `closes`: end as soon as all later
+    the stored configurations until the next search. `closes`: end as soon as all later
     configurations came before, if the plan `repeats`.
     """
 
@@ -181,6 +231,9 @@ class Engine:
         self.lib = open_library(self.ffi, self.path)
         for name in C_TYPES.split(","):
             self.ffi.typeof(name.strip())
+        assert STEP.itemsize == self.ffi.sizeof("soter_trace_step"), STEP
+        assert STEP.fields is not None
+        assert STEP.fields["choice"][1] == self.ffi.offsetof("soter_trace_step", "choice"), STEP
         self.model = address(self.ffi, self.path, self.generated.symbol, "const soter_model *")
         self.bits = int(self.model.bits)
         self.words = int(self.model.words)
@@ -370,7 +423,7 @@ class Engine:
             covered_ns=max(int(result.covered_ns), 0),
             closed_ns=int(result.closed_ns),
             closable=bool(result.closable),
-            steps=tuple(map(self._read_step, trace[0 : min(int(result.length), STEPS_MAX)])),
+            steps=self._steps_in_trace(trace, min(int(result.length), STEPS_MAX)),
             total_bytes=int(result.table_bytes)
             + int(result.frontier_bytes)
             + int(result.memo_bytes),
@@ -379,43 +432,23 @@ class Engine:
             chooser=int(result.chooser) if result.chooser < len(self.actors) else -1,
         )
 
-    def _read_step(self, raw: Any) -> RawStep:  # noqa: ANN401 - cdata
-        choices = tuple(
-            RawChoice(int(c.stream), int(c.count), int(c.pick)) for c in raw.choice[0 : raw.choices]
-        )
-        actor = int(raw.actor) if raw.actor < len(self.actors) else -1
-        return RawStep(actor, int(raw.kind), int(raw.release_ns), int(raw.time_ns), choices)
+    # ------------------------------------------------------------ traces
 
-    # ------------------------------------------------------------ traces and configurations
-
-    def replay(
-        self, steps: Sequence[RawStep], seed: int = 0
-    ) -> tuple[int, tuple[int, int] | None, npt.NDArray[np.uint8]]:
-        """Replays steps in C; gives the number of possible steps, the violation, configurations.
-
-        The violation is that after the last step. Configurations: (steps, configuration_size).
-        """
-        trace = self._trace_array(steps)
-        configurations = np.zeros((len(steps), self.configuration_size), dtype=np.uint8)
-        violates = self.ffi.new("bool *")
-        broken = self.ffi.new("soter_broken *")
-        possible = self.lib.soter_explore_replay(
-            self.model, seed, trace, len(steps), self._pointer(configurations), violates, broken
-        )
-        violation = (int(broken.what), int(broken.index)) if violates[0] else None
-        return int(possible), violation, configurations
+    def _steps_in_trace(self, trace: Any, length: int) -> tuple[RawStep, ...]:  # noqa: ANN401 - cdata
+        return array_to_steps(np.frombuffer(self.ffi.buffer(trace), STEP, length))
 
     def complete_trace(self, settings: EngineSettings, steps: Sequence[RawStep]) -> Searched | None:
         """Extends an execution of `settings.part` to all of the system; None if impossible."""
         trace = self.ffi.new("soter_trace_step[]", STEPS_MAX)
         broken = self.ffi.new("soter_broken *")
-        options, part = self.option_struct(settings), self._trace_array(steps)
+        options, part = self.option_struct(settings), steps_to_array(steps)
+        start = array_pointer(self.ffi, "soter_trace_step *", part)
         length = self.lib.soter_explore_complete(
-            self.model, options, part, len(steps), trace, STEPS_MAX, broken
+            self.model, options, start, len(steps), trace, STEPS_MAX, broken
         )
         if length == 0:
             return None
-        made, violation = tuple(map(self._read_step, trace[0:length])), (broken.what, broken.index)
+        made, violation = self._steps_in_trace(trace, length), (broken.what, broken.index)
         return Searched(status="violated", broken=violation, depth=length, steps=made)
 
     def is_violated_at_start(self, patience_s: float = math.inf) -> bool:
@@ -431,37 +464,3 @@ class Engine:
             verdicts.append(bool(self.lib.soter_explore_starts_broken(self.model, progress)))
 
         return bool(self.run_in_thread(judge_starts, progress, None, patience_s)) or verdicts[0]
-
-    def _trace_array(self, steps: Sequence[RawStep]) -> Any:  # noqa: ANN401 - cdata
-        trace = self.ffi.new("soter_trace_step[]", max(len(steps), 1))
-        for row, step in zip(trace, steps, strict=False):
-            row.actor = step.actor if step.actor >= 0 else 2**32 - 1
-            row.kind, row.release_ns, row.time_ns = step.kind, step.release_ns, step.time_ns
-            row.choices = len(step.choices)
-            for place, choice in zip(row.choice, step.choices, strict=False):
-                place.stream, place.count, place.pick = choice.stream, choice.count, choice.pick
-        return trace
-
-    def stored_configurations(self) -> Bytes:
-        """The configurations that the last search kept: (states, configuration_size)."""
-        if self._kept == self.ffi.NULL:
-            return np.zeros((0, self.configuration_size), dtype=np.uint8)
-        count = int(self.lib.soter_explore_kept(self.model, self._kept, self.ffi.NULL))
-        configurations = np.zeros((count, self.configuration_size), dtype=np.uint8)
-        self.lib.soter_explore_kept(self.model, self._kept, self._pointer(configurations))
-        return configurations
-
-    def pack(self, configuration: Bytes) -> Words:
-        """Packs a configuration into words: (configuration_size,) -> (words,)."""
-        words = np.zeros(self.words, dtype=np.uint64)
-        to = self.ffi.cast("uint64_t *", words.ctypes.data)
-        self.model.pack(self._pointer(configuration), to)
-        return words
-
-    def unpack(self, words: Words, configuration: Bytes) -> None:
-        """Unpacks words, (words,), into a configuration that the engine has started before."""
-        of = self.ffi.cast("uint64_t *", words.ctypes.data)
-        self.model.unpack(of, self._pointer(configuration))
-
-    def _pointer(self, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cdata
-        return self.ffi.cast("void *", array.ctypes.data)

@@ -30,12 +30,14 @@ from soter.explore.engine.explorer_library import (
     RawChoice,
     RawStep,
     SearchResult,
+    array_to_steps,
+    steps_to_array,
 )
 from soter.explore.engine.reductions import ComposedSearch, completed_trace, explore_by_quicker
-from soter.explore.engine.shrink import Guided, Shrinker, array_to_steps, steps_to_array
+from soter.explore.engine.shrink import Guided, Shrinker
 from soter.explore.judge import INPUT, test_plan
 from soter.explore.search_options import SAMPLING, SearchProgress
-from soter.explore.trace import ENDING, STEP_KINDS, Choice, Step
+from soter.explore.trace import CHOOSE_STREAM_ENDING, STEP_KINDS, Choice, Step
 from soter.language.model.types import IntType, leaves
 from soter.semantics.configuration import AC, SC
 from soter.semantics.draws import fnv1a_64, stream_of_leaf
@@ -355,7 +357,7 @@ def branch_name(branch: StepBranch) -> str:
 def _choice_streams(system: System) -> Iterator[str]:
     """Yields the names of all streams from which a step may ask for a choice."""
     for component in system.components:
-        yield component.name + ENDING
+        yield component.name + CHOOSE_STREAM_ENDING
         for disturbance in component.disturbances:
             yield from disturbance.streams
         for measured in component.measured:

@@ -12,23 +12,20 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.explore.engine.explorer_library import RawChoice, RawStep
-from soter.explore.search_options import CHOICES_MAX
+from soter.explore.engine.explorer_library import NOBODY, STEP, array_pointer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     import numpy.typing as npt
 
-    from soter.explore.engine.explorer_library import Engine
+    from soter.explore.engine.explorer_library import Engine, Steps
     from soter.explore.model.exploration_plan import PlannedActor
 
-    Steps = npt.NDArray[np.void]
-    """(n,) of `STEP`."""
     Counts = npt.NDArray[np.uint32]
     Configurations = npt.NDArray[np.uint8]
     Change = Callable[[Steps], Steps]
@@ -36,23 +33,8 @@ if TYPE_CHECKING:
     Numbers = npt.NDArray[np.int64]
 
 
-NOBODY = 2**32 - 1
-"""The `actor` of the start."""
 STEPS, SKIPPED, BEGINS, EFFECT, BIRTH = range(5)
 """The kinds of steps, as in `soter_explore_internal.h`."""
-CHOICE = np.dtype([("stream", "u8"), ("count", "u4"), ("pick", "u4")], align=True)
-STEP = np.dtype(
-    [
-        ("actor", "u4"),
-        ("kind", "u4"),
-        ("release", "i8"),
-        ("time", "i8"),
-        ("choices", "u4"),
-        ("choice", CHOICE, (CHOICES_MAX,)),
-    ],
-    align=True,
-)
-"""`soter_trace_step`."""
 
 
 @dataclass(frozen=True)
@@ -75,10 +57,6 @@ class Guided:
     def __init__(self, engine: Engine, seed: int, wanted: tuple[int, int]) -> None:
         self._engine = engine
         self._seed, self._wanted = seed & (2**64 - 1), wanted
-        ffi = engine.ffi
-        assert STEP.itemsize == ffi.sizeof("soter_trace_step"), STEP
-        assert STEP.fields is not None
-        assert STEP.fields["choice"][1] == ffi.offsetof("soter_trace_step", "choice"), STEP
 
     def execute_along(
         self, wish: Steps, limit: int, before: GuidedRun | None = None, begin: int = 0
@@ -91,19 +69,19 @@ class Guided:
         ffi, violates = self._engine.ffi, self._engine.ffi.new("bool *")
         start = ffi.NULL
         if before is not None and begin > 0:
-            start = _pointer(ffi, "void *", before.configurations[begin - 1])
+            start = array_pointer(ffi, "void *", before.configurations[begin - 1])
         wish = np.ascontiguousarray(wish)
         guide = {
             "seed": self._seed,
             "wanted": {"what": self._wanted[0], "index": self._wanted[1]},
-            "wish": _pointer(ffi, "soter_trace_step *", wish),
+            "wish": array_pointer(ffi, "soter_trace_step *", wish),
             "length": len(wish),
             "begin": begin,
             "limit": limit,
             "from": start,
-            "made": _pointer(ffi, "soter_trace_step *", made),
-            "unusual": _pointer(ffi, "uint32_t *", unusual),
-            "configurations": _pointer(ffi, "void *", configurations),
+            "made": array_pointer(ffi, "soter_trace_step *", made),
+            "unusual": array_pointer(ffi, "uint32_t *", unusual),
+            "configurations": array_pointer(ffi, "void *", configurations),
         }
         lib, model = self._engine.lib, self._engine.model
         count = int(lib.soter_explore_guided(model, ffi.new("soter_guide *", guide), violates))
@@ -112,35 +90,6 @@ class Guided:
             unusual[:begin] = before.unusual[:begin]
             configurations[:begin] = before.configurations[:begin]
         return GuidedRun(made[:count], unusual[:count], configurations[:count], bool(violates[0]))
-
-
-def _pointer(ffi: Any, kind: str, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cffi
-    return ffi.cast(kind, array.ctypes.data)
-
-
-def steps_to_array(steps: Sequence[RawStep]) -> Steps:
-    """The steps as an array of `STEP` records, (n,)."""
-    made = np.zeros(len(steps), dtype=STEP)
-    for row, step in zip(made, steps, strict=True):
-        row["actor"] = step.actor if step.actor >= 0 else NOBODY
-        row["kind"], row["release"], row["time"] = step.kind, step.release_ns, step.time_ns
-        row["choices"] = len(step.choices)
-        for place, choice in enumerate(step.choices):
-            row["choice"][place] = (choice.stream, choice.count, choice.pick)
-    return made
-
-
-def array_to_steps(made: Steps) -> tuple[RawStep, ...]:
-    """The steps in an array of `STEP` records, (n,)."""
-    raw_steps = []
-    for row in made:
-        asked = row["choice"][: int(row["choices"])].tolist()
-        actor = -1 if row["actor"] == NOBODY else int(row["actor"])
-        choices = tuple([RawChoice(*c) for c in asked])
-        raw_steps.append(
-            RawStep(actor, int(row["kind"]), int(row["release"]), int(row["time"]), choices)
-        )
-    return tuple(raw_steps)
 
 
 PARTS_MAX = (32, 2**32)

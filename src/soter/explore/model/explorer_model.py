@@ -57,11 +57,9 @@ class ExplorerModel:
     leaves: tuple[tuple[int, tuple[str, ...]], ...]
 
 
-def generate_model(
-    system: System, core: CoreSystem, plan: ExplorationPlan, prefix: str | None = None
-) -> ExplorerModel:
+def generate_model(system: System, core: CoreSystem, plan: ExplorationPlan) -> ExplorerModel:
     """The C of a system with its model; its nodes report the branches that they take."""
-    builder = _ModelBuilder(system, core, plan, prefix)
+    builder = _ModelBuilder(system, core, plan)
     builder.frame.branches = []
     unit = builder.build_unit()
     return ExplorerModel(
@@ -85,10 +83,8 @@ class _ModelLeaf:
 
 
 class _ModelBuilder(UnitBuilder):
-    def __init__(
-        self, system: System, core: CoreSystem, plan: ExplorationPlan, prefix: str | None
-    ) -> None:
-        super().__init__(system, core, prefix)
+    def __init__(self, system: System, core: CoreSystem, plan: ExplorationPlan) -> None:
+        super().__init__(system, core, None)
         assert system.test is not None
         self.plan = plan
         self.test = system.test

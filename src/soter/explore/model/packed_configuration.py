@@ -304,9 +304,8 @@ class ConfigurationEmitter:
 
     def _int_ranges(self, t: Topic) -> list[tuple[int, int] | None]:
         """The range of each int in a topic, from its set and the values that it may start with."""
-        source = t.index if t.queue_of is None else t.queue_of
-        values = [v for d in self.system.inputs if d.topic == source for v in d.values]
-        values += [x.failsafe[source] for x in self.system.components if source in x.failsafe]
+        values = [v for d in self.system.inputs if d.topic == t.source for v in d.values]
+        values += [x.failsafe[t.source] for x in self.system.components if t.source in x.failsafe]
         if t.queue_of is not None:
             values = [tuple(values)]
         return int_hulls(t.type, t.bounds, [t.default, *values])

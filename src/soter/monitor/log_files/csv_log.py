@@ -212,8 +212,8 @@ def csv_rows(
                 raise unusable_log_error(path, "it is empty")
             places = {name: _column_number(path, head, name) for name in needed}
             two = [f"{time}.sec", f"{time}.nanosec"]
-            changes_releases = two if time not in head and set(two) <= set(head) else [time]
-            clock = [_column_number(path, head, name) for name in changes_releases]
+            clock_columns = two if time not in head and set(two) <= set(head) else [time]
+            clock = [_column_number(path, head, name) for name in clock_columns]
             for row in rows:
                 if not row:
                     continue

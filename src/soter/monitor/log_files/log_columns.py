@@ -461,7 +461,11 @@ class Writers:
             if len(messages) < 2:
                 continue
             first = [f"{name[:80]} ({n:,})" for name, n in messages.most_common(WRITERS_SHOWN)]
-            more = f" and {len(messages) - SHOWN:,} more" if len(messages) > WRITERS_SHOWN else ""
+            more = (
+                f" and {len(messages) - WRITERS_SHOWN:,} more"
+                if len(messages) > WRITERS_SHOWN
+                else ""
+            )
             changes = self._changes[channel]
             turns = f"{changes:,} change{'s'[: changes > 1]} from one to another"
             texts.append(

@@ -265,13 +265,6 @@ void soter_explore_least(const soter_model* m, const soter_explore_options* o, s
                          soter_explore_progress* progress, soter_explore_result* result,
                          soter_trace_step* trace, uint32_t room);
 
-/* Runs a trace; after each step the configuration is written to `configurations` ([length]
- * configurations) if not NULL. Returns the number of steps that were possible; *broken is set if
- * the last one violates. */
-uint32_t soter_explore_replay(const soter_model* m, uint64_t seed, const soter_trace_step* trace,
-                              uint32_t length, void* configurations, bool* violates,
-                              soter_broken* broken);
-
 /* Whether a configuration at the start, before any step, violates an always or never (or whether
  * that is not known: no memory, too many of them, stopped). */
 bool soter_explore_starts_broken(const soter_model* m, soter_explore_progress* progress);

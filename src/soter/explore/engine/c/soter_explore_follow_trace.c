@@ -1,7 +1,7 @@
-/* soter_explore_follow_trace.c: the execution that a trace says.
+/* soter_explore_follow_trace.c: the execution of the whole system that a trace of a part says.
  *
- * Purpose: replay a trace of the whole system; complete one of a part by moves of the others. That
- * a part's execution can be completed is argued in docs/testing.md, "Parts".
+ * Purpose: complete a trace of a part by moves of the others. That it can be completed is argued in
+ * docs/testing.md, "Parts".
  * Non-goals: traces that were changed (soter_explore_guided_execution.c).
  */
 #include "soter_explore_internal.h"
@@ -27,58 +27,6 @@ static void give_choices(soter_workspace* space, const soter_trace_step* step) {
   space->given = step->choices < SOTER_CHOICES ? step->choices : SOTER_CHOICES;
   SOTER_CHECK(space->given <= SOTER_CHOICES);
   (void)memcpy(space->choice, step->choice, space->given * sizeof step->choice[0]);
-}
-
-static bool choices_in_range(const soter_workspace* space, const soter_trace_step* step) {
-  for (uint32_t i = 0; i < step->choices && i < space->taken; i++) {
-    if (step->choice[i].pick >= space->choice[i].count) {
-      return false;
-    }
-  }
-  return step->choices == space->taken;
-}
-
-uint32_t soter_explore_replay(const soter_model* m, uint64_t seed, const soter_trace_step* trace,
-                              uint32_t length, void* configurations, bool* violates,
-                              soter_broken* broken) {
-  soter_workspace space;
-  soter_explore_options o;
-  uint32_t done = 0U;
-  (void)memset(&o, 0, sizeof o);
-  o.seed = seed;
-  *violates = false;
-  if (!soter_workspace_open(&space, m, &o, NULL, NULL)) {
-    return 0U;
-  }
-  while (done < length && !*violates) {
-    const soter_trace_step* const step = &trace[done];
-    give_choices(&space, step);
-    bool ok = true;
-    if (step->kind == (uint32_t)SOTER_BIRTH) {
-      if (done > 0U) {
-        break;
-      }
-      soter_make_start(&space);
-    } else {
-      soter_move move;
-      soter_find_windows(&space);
-      if (!find_step(&space, step, &move)) {
-        break;
-      }
-      ok = soter_make_move(&space, &move, broken);
-    }
-    if (!choices_in_range(&space, step)) {
-      break;
-    }
-    *violates = !ok || soter_finds_violation(&space, broken);
-    if (configurations != NULL) {
-      (void)memcpy((uint8_t*)configurations + (size_t)done * space.size, space.there, space.size);
-    }
-    (void)memcpy(space.here, space.there, space.size);
-    done++;
-  }
-  soter_workspace_close(&space);
-  return done;
 }
 
 typedef struct {

@@ -25,7 +25,7 @@
 #define TAIL 8U /* bytes behind the last entry: loads take eight at a time */
 #define FACTOR1 UINT64_C(0x9e3779b97f4a7c15)
 #define FACTOR2 UINT64_C(0xd6e8feb86659fd93)
-#define INVERSE1 UINT64_C(0xf1de83e19937733d) /* of K1, modulo 2^64 */
+#define INVERSE1 UINT64_C(0xf1de83e19937733d) /* of FACTOR1, modulo 2^64 */
 #define INVERSE2 UINT64_C(0xcfee444d8b59a89b)
 
 static uint64_t low_bits(uint32_t bits) {

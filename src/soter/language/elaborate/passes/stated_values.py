@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 
 def add_checks_of_stated_values(flat: Flattening, running_test: typed.TestSymbol) -> None:
     """Adds `stated`, and properties that check real parts against the values other tests state."""
-    sets = _settings_in(running_test)
+    sets = settings_in(running_test)
     for test in flat.program.tests.values():
-        alike = test.system is running_test.system and _settings_in(test) == sets
+        alike = test.system is running_test.system and settings_in(test) == sets
         flat.stated[test] = _stated_values(flat, test) if alike or test is running_test else []
     _check_stated_values(flat, running_test)
     for test, known in flat.stated.items():
@@ -142,7 +142,7 @@ def _constant_value(e: typed.TypedExpr, scope: Scope) -> Value | None:
     return Calculator(Diagnostics(), scope.params).value(e, "a constant")
 
 
-def _settings_in(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, str]]:
+def settings_in(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, str]]:
     """Gives the parameters that a test sets, each with its value as text."""
     return {(s.path, s.param, repr(s.value)) for s in test.sets}
 
