@@ -51,7 +51,6 @@ BRANCHING = {
     "tube_adversary.h wanted": "a case a kind of adversary",
     "tube_loop.c actuate": "a closed loop, flat on purpose: read beside docs/semantics.md",
     "tube_loop.c attack_late": "a closed loop, flat on purpose: read beside docs/semantics.md",
-    "tube_loop.c fly": "a closed loop, flat on purpose: read beside docs/semantics.md",
     "tube_loop.c trusted": "a closed loop, flat on purpose: read beside docs/semantics.md",
 }
 """Functions of C that does not belong to src which are longer, or have more branches, and why."""

@@ -54,7 +54,7 @@ def run_end_ns(system: System, until: float | str | None) -> int:
 
 
 def chosen_modules(flat: System, module: str | None) -> list[Module]:
-    """The modules called `module`, or all if it is None. Raises U001 if no module is called so."""
+    """The modules of full or declared name `module`, by default all. Raises U001 if none."""
     modules = [m for m in flat.modules if module is None or module in (m.name, m.symbol.name)]
     if not modules:
         names = ", ".join(f"`{m.name}`" for m in flat.modules) or "none"

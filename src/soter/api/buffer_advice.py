@@ -57,7 +57,7 @@ UNTIL_NS = 60 * 10**9
 
 @dataclass(frozen=True)
 class BufferRow:
-    """The place where SC takes over at a speed, its distance `room` to the fence, and SC's use."""
+    """The place where SC takes over at a speed, its `room` to the fence, and how much SC `used`."""
 
     speed: float
     taken_at: float
@@ -67,7 +67,7 @@ class BufferRow:
 
 @dataclass(frozen=True)
 class Buffers:
-    """The buffer rows of a module, for speeds up to `fastest`, the highest at which AC has control.
+    """A module's rows, for speeds up to `fastest`, above which AC has no control at the start.
 
     `position`, `speed`: the numbers varied, as `topic.field`; `fence`: where `safe` ends.
     """
@@ -191,7 +191,7 @@ class _Probe:
         return self.dm.decide_when_fresh(self.module, state) == AC
 
     def find_fence(self) -> float | None:
-        """The position where `safe` ends in the direction of motion, at rest or else at speed."""
+        """The position where `safe` ends in the way, at rest or else at speed; None if unknown."""
         self.fastest = self._range_end_toward_fence(self.speed)
         if self.fastest is None:
             return None
@@ -209,7 +209,7 @@ class _Probe:
         return None
 
     def buffer_rows(self, fence: float, fastest: float) -> Iterator[BufferRow]:
-        """Yields a row for each of the `SPEEDS` speeds at which AC ever has control."""
+        """Yields a row for each of `SPEEDS` speeds up to `fastest` at which AC ever has control."""
         for k in range(1, SPEEDS + 1):
             v = fastest * k / SPEEDS
             at = _last_number_holding(

@@ -64,12 +64,12 @@ def campaign(
 
     Flight k is the run of seed `seed` + k, so `soter run --seed` flies it again. `workers`: the
     number of threads; "local", the default: a thread for each core; "ray": the cores of a Ray
-    cluster; the results are the same. `output`: the folder. A stopped campaign with the same
-    settings continues, and may be made longer. `arms`: also fly `ac`, `paper` or `swept` on these
-    seeds, each in a subfolder; `lateness_s`: how long to measure this machine for the paper's
-    rules. `saves`: count saves; after AC lost control, fly it on for this time (seconds or text).
-    Raises SoterError U001 for wrong numbers, C006 if the system judges nothing, U003 for extern
-    nodes, D006 for the folder, D007 or D018 for the cluster.
+    cluster; the results are the same. `output`: the folder. A campaign of the same program, system,
+    time, parameters and seed continues where it stopped, and may be made longer. `arms`: also fly
+    `ac`, `paper` or `swept` on these seeds, each in a subfolder; `lateness_s`: how long to measure
+    this machine for the paper's rules. `saves`: count saves; after AC lost control, fly it on for
+    this time (seconds or text). Raises SoterError U001 for wrong numbers, C006 if the system judges
+    nothing, U003 for extern nodes, D006 for the folder, D007 or D018 for the cluster.
     """
     began = time.perf_counter()
     flat, core, until_ns = bindings.system, bindings.core, run_end_ns(bindings.system, until)
@@ -175,7 +175,7 @@ def _thread_count(workers: int | str | None) -> int:
 
 
 def _faults_with_assumptions(flat: System) -> tuple[tuple[str, str], ...]:
-    """Pairs of a fault's text and the assumption it always respects, or "" without one."""
+    """Pairs of a fault's text and the assumption that it respects in all components, or ""."""
     places_by_fault: dict[str, list[str | None]] = {ORDER: [None]} if flat.shuffled else {}
     for f in (f for f in flat.faults if f.on is None):
         places_by_fault.setdefault(f.text, []).append(f.inside)
@@ -210,7 +210,7 @@ def _campaign_identity(
 def _lateness_and_arms(
     flat: System, names: Sequence[str], folder: Path, seconds: float
 ) -> tuple[Lateness | None, list[Arm]]:
-    """The lateness of this machine if an arm needs it, else None; and the arms to fly."""
+    """The lateness of this machine if an arm needs it, else None; the arms besides the system."""
     find_arms(flat, [n for n in names if n != PAPER], ())  # raises for wrong names
     lateness = None
     if PAPER in names:
@@ -295,7 +295,7 @@ def _default_folder(path: str, about: CampaignIdentity) -> Path:
 def write_campaign(
     flown_campaign: Campaign, path: str, report: str | Path | None, *, parquet: bool = False
 ) -> list[Path]:
-    """Writes the page and the tables of a campaign. Raises SoterError D006 or D007."""
+    """Writes a campaign's page (`report` "": beside the flights) and tables; raises D006, D007."""
     made: list[Path] = []
     if report is not None:
         target = Path(report or flown_campaign.folder / "report.html")

@@ -45,7 +45,7 @@ class ThreadRow:
 
 @dataclass(frozen=True)
 class SwitchReport:
-    """Whether P1c of a module holds with its declared times; None if that is not known."""
+    """P1c of a module with declared times: `holds`, `fails` or `undecided`; None: not known."""
 
     module: str
     verdict: str
@@ -286,7 +286,7 @@ def check_report(
 
 
 def add_stale_monitors(checked: CheckResult) -> None:
-    """Adds a D022 diagnostic for each monitor in the program that fits another model."""
+    """Adds D022 for each model monitor in a sound program that belongs to another model."""
     if not checked.ok or checked.loaded is None:
         return
     if any("soter monitor --emit" in file.source.text for file in checked.loaded.files):

@@ -54,7 +54,7 @@ STANDS, AGAIN, GONE, NEW, OPEN = "stands", "again", "gone", "new", "open"
 
 @dataclass(frozen=True)
 class DeclarationChange:
-    """A declaration that is "changed", "gone" or "new"; `lines` start with `-` (old) or `+`."""
+    """A declaration that is "changed", "gone" or "new" (`how`). `lines`: `-` old, `+` new."""
 
     kind: str
     name: str
@@ -67,7 +67,7 @@ class Consequence:
     """The effect of a change on a proof, times, runs of a system or test, or a requirement.
 
     `status`: "stands", "again" (must be made again), "gone", "new", or "open" for a requirement
-    that leads to nothing here; `because`: the names of the changed declarations that it depends on.
+    that leads to nothing here; `because`: the names of the changed declarations that are in it.
     """
 
     what: str
@@ -215,7 +215,7 @@ def _declaration_changes(before: Version, after: Version) -> tuple[DeclarationCh
 
 
 def _declaration_text(symbol: typed.Symbol) -> str:
-    """The text of a declaration; names replace the other declarations in it."""
+    """The text of a declaration alone; other declarations in it are replaced by their names."""
 
     def name_of_other_declaration(part: object) -> object:
         if isinstance(part, typed.Literal) and part.name is not None:
@@ -243,7 +243,7 @@ def _consequence(
 def _timed_parts(
     flat: System, posed: Mapping[tuple[str, str], PosedProblem]
 ) -> dict[str, PosedProblem]:
-    """The code of each trusted step and DM, by `component in system`."""
+    """By `component in system`: the code of each step of the trusted thread, and of each DM."""
     where = f" in {flat.name}" if flat.name else ""
     timed = {c.name + where: step_text(flat, c) for c in flat.components if c.in_thread and c.node}
     for m in flat.modules:  # of one that poses no problem, all of its declaration

@@ -88,7 +88,7 @@ def _require_few_steps(system: System, horizon: int) -> None:
 def explore(checked: CheckResult, path: str, choices: Mapping[str, Any]) -> ExploreReport:
     """Explores all or some tests of a sound program, as `Program.explore` describes.
 
-    After an interrupt it returns a `partial` report, or raises KeyboardInterrupt if it has none.
+    After an interrupt it returns what was covered if `partial`, else raises KeyboardInterrupt.
     """
     options = make_record(SearchOptions, choices)
     if options.html:

@@ -71,7 +71,7 @@ def identify(
     estimates: bool = False,
     params: Mapping[str, object] | None = None,
 ) -> Identification:
-    """Fits parameters to logs of `soter run --log`, or through a mapping to other logs.
+    """Fits parameters to logs of `soter run --log`, or by a mapping to those of another system.
 
     `opened`: names of parameters; by default all in the main file that the plants of a proof or
     their bounds or errors depend on. `episode`: the length in s into which each log is cut; uncut

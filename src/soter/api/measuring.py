@@ -43,7 +43,7 @@ INSTRUCTION_MAX_NS = 10**6
 
 @dataclass(frozen=True)
 class Measured:
-    """The times of a system's steps, the `margin` on the longest, and the assumptions made."""
+    """The times of a system's steps, the `margin` on the longest, and what is `assumed`."""
 
     system: str
     program_sha256: str
@@ -88,7 +88,7 @@ def measure_on_board(
     *,
     margin: float = MARGIN,
 ) -> Measured:
-    """Counts instructions of steps on a board that QEMU emulates, and multiplies by a time.
+    """Counts instructions of single steps on a board that QEMU emulates, and multiplies by a time.
 
     `instruction`: the longest time of an instruction on the board, set by the caller (`"20ns"`).
     Raises SoterError as `Program.build` and `built_image` do, U001 for a wrong factor, X004 if an

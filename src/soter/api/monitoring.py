@@ -97,12 +97,12 @@ def judge_log(
     partial: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> LogJudgement:
-    """Judges from a log when modules would have switched, and how close they came to it.
+    """Judges when modules would have switched on the reads of a log, and how near they came.
 
     `flat_of`: makes a flat system by name and parameters. `log`: a file, or CSVs that form one log.
-    `mapping`: a file or its content; `where`: by column, the text that rows must have to count;
-    `partial`: judge a damaged log up to the damage, without a verdict. Raises SoterError D015,
-    D016, U001, U003, or D017 if nothing can be decided.
+    `mapping`: a file or its content; `where`: column -> text of rows that count, besides the
+    mapping's own; `partial`: judge a damaged log up to the damage, without a verdict. Raises
+    SoterError D015, D016, U001, U003, or D017 if no module can be decided.
     """
     paths, flat, declared = _files_and_mapping(flat_of, log, mapping, system, params, where)
     chosen = [m.index for m in chosen_modules(flat, module)]
@@ -146,7 +146,7 @@ def log_explained(
     mapping: str | Path | Mapping[str, Any],
     **how: Any,  # noqa: ANN401 - as `mapped_record` has them
 ) -> list[Judgement]:
-    """Judges whether any run of the proof's plants fits the values and commands in a log.
+    """Judges whether some run of the proof's plants fits the measurements and commands of a log.
 
     Arguments and errors are as in `judge_log`. Raises D017 unless all driven topics and commands of
     a module are mapped, and R... unless its program determines a proof.
@@ -174,7 +174,7 @@ class MappedRecord:
     damage: Damage | None
 
     def commands_outside(self, module: Module, problem: Problem) -> list[tuple[str, float]]:
-        """The name and time in s of each command of a module that lies outside its set."""
+        """Commands (name, time in s) of a module outside their sets; no run has such commands."""
         names = flying_topic_names(self.flat, module, problem)
         owners = {names[c.owner] for c in problem.quantities.controls} & self.outside.keys()
         return [(name, at_s) for name in owners for at_s, _ in self.outside[name]]

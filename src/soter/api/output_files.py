@@ -109,7 +109,7 @@ def write_advice(advice: Sequence[Advice], program: str, path: Path) -> None:
 def write_sections(
     path: Path, title: str, headline: str, verdict: str, sections: Sequence[PageSection]
 ) -> None:
-    """Writes a page of sections with sentences and tables. Raises SoterError D006 if that fails."""
+    """Writes a page of sentences and tables, as `sections_main` takes them; `SoterError` D006."""
     from soter.report.html import write_document  # noqa: PLC0415 - see `soter.api`
     from soter.report.templates import sections_main  # noqa: PLC0415 - only then
 

@@ -82,7 +82,7 @@ class Program:
         return f"<soter.Program {self.path}: {', '.join(self.systems) or 'no systems'}>"
 
     @cached_property
-    def _prepared_systems(self) -> PreparedSystems:
+    def _prepared(self) -> PreparedSystems:
         from soter.api.running import PreparedSystems  # noqa: PLC0415 - see the docstring
 
         return PreparedSystems()
@@ -122,7 +122,7 @@ class Program:
         return check_report(self.path, self._checked, flat, self._bound, times)
 
     def constant(self, name: str) -> Any:  # noqa: ANN401 - any Soter value
-        """The value of a constant by its full name, e.g. `city.GOALS`. Raises KeyError."""
+        """The value of a constant by full name (`city.GOALS`), as externs get it; else KeyError."""
         symbol = self._require_sound().consts[name]
         return to_python(symbol.type, symbol.value)
 
@@ -177,8 +177,8 @@ class Program:
 
         Times are seconds, or texts such as `"30s"`. `log` is written during the run; a `report`
         keeps the whole trace. Ctrl-C, and with a log also SIGTERM and SIGHUP, ends the run at an
-        instant; then it raises KeyboardInterrupt or ends the process, or with `partial` returns the
-        part that was run. Raises SoterError U001 for wrong options.
+        instant and raises KeyboardInterrupt (the others end the process), or with `partial` returns
+        the part that was run. Raises SoterError U001 for wrong options.
         """
         from soter.api.running import simulate  # noqa: PLC0415 - see the docstring
         from soter.simulate.run_options import RunOptions  # noqa: PLC0415 - the same
@@ -186,20 +186,16 @@ class Program:
         how = make_record(RunOptions, {"until": until, "seed": seed, "engine": engine, **options})
         values = self._param_values(params)
         with whole_shares_to(how.progress):
-            prepared = self._prepared_systems.prepared_system(
-                self._checked, system, values, self._bound
-            )
+            prepared = self._prepared.prepared_system(self._checked, system, values, self._bound)
         if how.arm is not None:
-            prepared = self._prepared_systems.system_of_arm(prepared, how.arm, how.campaign)
+            prepared = self._prepared.system_of_arm(prepared, how.arm, how.campaign)
         log, writer = how.log, opened_run_log(how.log)
         require_writers(log if isinstance(log, (str, Path)) else None, how.report)
         report = None if how.report is None else Path(how.report).absolute()  # externs may move
         how = replace(how, trace=how.trace if report is None else True)
         until_ns = 0 if how.recorded is not None else run_end_ns(prepared.system, until)
         bound = dict(self._bound)
-        run = simulate(
-            self._prepared_systems, prepared, bound, how, until_ns=until_ns, writer=writer
-        )
+        run = simulate(self._prepared, prepared, bound, how, until_ns=until_ns, writer=writer)
         if writer is not None and writer is not log and writer.problem is not None:
             raise writer.problem
         if report is not None:
@@ -209,7 +205,7 @@ class Program:
     def campaign(self, system: str | None = None, params: Any = None, **how: Any) -> Campaign:  # noqa: ANN401
         """Flies many seeds of a system, as `soter.api.campaigning.campaign` describes."""
         require_utf8(how.get("output"))
-        bindings = self._bindings(self._completed_system(system, params, bound=self._bound)[0])
+        bindings = self._bindings(self._completed(system, params, bound=self._bound)[0])
         flown = load_module("soter.api.campaigning").campaign(bindings, self.path, **how)
         return cast("Campaign", flown)
 
@@ -221,7 +217,7 @@ class Program:
         return write_log(run, path, VERSION)
 
     def write_report(self, run: Run, path: str | Path, *, self_contained: bool = False) -> Path:
-        """Writes the HTML report of a traced run; its script is a second file, or included."""
+        """Writes a traced run's HTML report, the script beside it or in it. Raises D006, D007."""
         from soter.api.running import write_report  # noqa: PLC0415 - see the docstring
 
         require_utf8(path)
@@ -250,10 +246,7 @@ class Program:
         from soter.api.deploy.building import build  # noqa: PLC0415 - see the docstring
 
         require_utf8(output, cert, mapping, board)
-        fresh, completed = (
-            self.declared(system, params),
-            partial(self._completed_system, system, params),
-        )
+        fresh, completed = self.declared(system, params), partial(self._completed, system, params)
         with whole_shares_to(progress):
             how: dict[str, Any] = {"cert": cert, "mapping": mapping, "board": board}
             return build(target, Path(output), fresh, completed, self._bindings, **how)
@@ -433,7 +426,7 @@ class Program:
             return tuple(largest_delay(flat, m) for flat, m in chosen)
 
     def rest_clauses(self, budget_s: float = 120.0, **what: Any) -> tuple[ProofSearch, ...]:  # noqa: ANN401
-        """Searches a `rest` clause that makes the proof succeed; `budget_s` is for each module."""
+        """Looks for a `rest` that proves: `budget_s` CPU s a module; `what` as `largest_delays`."""
         from soter.verify.search.searched_program import searches_for_rest  # noqa: PLC0415 - needs a compiler
 
         what = {"module": None, "system": None, "params": None, **what}
@@ -447,10 +440,10 @@ class Program:
     ) -> ExploreReport:
         """Explores every execution of all tests or of some (docs/testing.md).
 
-        A violation has a trace, which the interpreter has replayed; it is the shortest if that is
-        found in `minimise` seconds. It is written to the folder `output` (if not None), and as a
-        page if `html`. Times are seconds; `skew` and `horizon` may be text. Ctrl-C raises
-        `KeyboardInterrupt`, or ends with a `partial` report. Raises SoterError U001 for options.
+        A violation has a trace that the interpreter has replayed: the least, if found in `minimise`
+        seconds. It is written to the folder `output` (None: not), and as a page if `html`. Times
+        are seconds; `skew` and `horizon` may be text. Ctrl-C raises `KeyboardInterrupt`, or with
+        `partial` returns what was covered. SoterError U001 for options.
         """
         from soter.api.exploring import explore  # noqa: PLC0415 - needs NumPy and a compiler
 
@@ -467,8 +460,8 @@ class Program:
         return read_params(self._require_sound(), params)
 
     def flat(self, system: str | None = None, params: Mapping[str, object] | None = None) -> System:
-        """A new flat system, ready to run: with all numbers, instance names and predicates."""
-        return self._completed_system(system, params)[0]
+        """A new flat system as it runs: all numbers known, instances named, predicates computed."""
+        return self._completed(system, params)[0]
 
     def declared(self, system: str | None = None, params: Params = None) -> System:
         """A flat system as in `flat`, but without the computed predicates."""
@@ -485,7 +478,7 @@ class Program:
         """Maps the name of an extern to the target that `bind` got for it."""
         return dict(self._bound)
 
-    def _completed_system(
+    def _completed(
         self,
         name: str | None,
         params: Params,

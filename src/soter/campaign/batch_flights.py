@@ -259,7 +259,7 @@ def shared_zeros(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[An
 
 
 def _process_error(number: int, seed: int, status: int, *, changed: bool) -> SoterError:
-    """The error of a flight whose process was ended or changed by an extern's C."""
+    """The error of a flight whose process an extern's C ended or changed; `status`: of waitpid."""
     code = os.waitstatus_to_exitcode(status) if status >= 0 else 0
     how = (
         f"it was ended by {signal.Signals(-code).name}"
@@ -385,7 +385,7 @@ def _events_of_module(events: npt.NDArray[Any], module: int) -> npt.NDArray[Any]
 def _ac_spans(
     events: npt.NDArray[Any], module: int, since: int | None, until_ns: int
 ) -> list[tuple[int, int]]:
-    """The spans (from, to) in ns in AC, from events (n,); `since`: when AC began before them."""
+    """Spans (from, to) in ns in AC, from events (n,); `since`: begin of AC before, or None."""
     spans: list[tuple[int, int]] = []
     for time, kind in _events_of_module(events, module)[["time", "kind"]].tolist():
         if kind == TO_AC:

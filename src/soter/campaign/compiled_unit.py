@@ -159,9 +159,9 @@ def _expensive_functions(core: CoreSystem) -> frozenset[str]:
 
 
 def _remembering_function(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
-    """The C of `made` that reuses the last result if the arguments are equal, else calls `anew`.
+    """The C of `made` that reuses a thread's last result for equal arguments, else calls `anew`.
 
-    Each thread keeps its result. Arguments are compared as bytes, as structs have no holes.
+    Arguments are compared as bytes: structs have no holes. Large ones go by address (decision 109).
     """
     kept, last = f"{made.name}_kept", c.Name("last")
     remembered = [

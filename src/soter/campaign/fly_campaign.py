@@ -72,7 +72,7 @@ def fly(
 def fly_batches(
     fleet: Fleet, numbers: Sequence[int], first_seed: int, workers: int | RayCluster
 ) -> Iterator[list[FlightOutcome]]:
-    """Yields the flights of these numbers in order, a batch at a time."""
+    """Yields the flights of these numbers, a batch at a time, in that order."""
     batches = deque(numbers[k : k + fleet.at_once] for k in range(0, len(numbers), fleet.at_once))
     waiting: deque[PendingBatch] = deque()
     cores = workers if isinstance(workers, int) else workers.cores

@@ -32,7 +32,7 @@ SIDE, ROW = 22, 46
 
 @dataclass(frozen=True)
 class Histogram:
-    """A histogram of a measure: `edges` (n + 1,) and `bins` (n + 2,), with two outer bins."""
+    """The histogram of a measure: `edges` (n + 1,); `bins` (n + 2,) with those below and above."""
 
     name: str
     caption: str

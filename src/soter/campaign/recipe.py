@@ -34,8 +34,8 @@ class Recipe:
     """A system to fly, as plain data that can be sent to another machine.
 
     `properties`, `components`: index and name; `forced`: whether each module is in AC from the
-    start; `bins`: the number of bins of each measure, with the two outer ones; `keeps`: why the C
-    of externs may keep state between calls, or ""; `files`: path and text of this C and of the
+    start; `bins`: the number of bins of each measure, with those below and above; `keeps`: why the
+    C of externs may keep state between calls, or ""; `files`: path and text of this C and of the
     files that it includes, on the machine that made the recipe.
     """
 

@@ -44,8 +44,8 @@ class FaultAttribution:
     """The faults outside the assumptions of proofs that may explain a violated flight.
 
     `met`: the faults, as text, before its first violation. `clean_without`: whether the same flight
-    without all of them violates nothing; None if it met none and was not flown again. `needed`: the
-    faults each of which alone must go for a clean flight; () if several do the same harm.
+    without all of them violates nothing; None if it met none and was not flown again. `needed`:
+    each fault without which alone the flight is clean; () if several do the same harm.
     """
 
     met: tuple[str, ...]
@@ -63,7 +63,7 @@ def attributions(
     bad: Sequence[FlightOutcome],
     fly_again: Callable[[System, Sequence[int]], Iterable[FlightOutcome]],
 ) -> dict[int, FaultAttribution]:
-    """The attribution of each flight in `bad`, by number; `fly_again` flies chosen flights."""
+    """The attribution of each flight in `bad`, by number; `fly_again` flies numbers of a system."""
     met = {f.number: tuple(faults_outside(system, f.seed, _first_violation_ns(f))) for f in bad}
 
     def clean_flights(other: System, numbers: Sequence[int]) -> set[int]:

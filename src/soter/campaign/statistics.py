@@ -145,7 +145,7 @@ def _betting_interval(counts: Sequence[int], most: int) -> tuple[float, float]:
     goal = log(2.0 * len(STAKES) / (1.0 - CONFIDENCE))
 
     def growth(factor: Callable[[float], float]) -> float:
-        """The log of the final capital, which was 1; `factor` is the gain per unit of a flight."""
+        """The log of a capital that was 1; `factor`: the gain per unit of a flight of value x."""
         logs = [fsum(n * _log_or_inf(1.0 + c * factor(x)) for x, n in table) for c in STAKES]
         top = max(logs)
         return top + log(fsum(exp(v - top) for v in logs)) if top > -inf else -inf

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class MetricSample:
-    """The samples of a measure in a flight: their number, sum, extremes and histogram.
+    """A measure over one flight: how many samples were numbers; their sum, ends and histogram.
 
-    `bins`: (bins + 2,) counts; the first is below the range, the last above it.
+    `bins`: (bins + 2,) counts; the first is below the range, the last above.
     """
 
     count: int

@@ -64,7 +64,7 @@ VERDICTS = ("proved", "assumed", "undecided", "refuted")
 
 
 def proved_claims(claimed: object) -> set[str]:
-    """The claims that are called proved. Raises RejectedError for an unknown name or no claim."""
+    """The claims that are called proved; RejectedError for an unknown name, or no proved claim."""
     if not isinstance(claimed, dict):
         raise RejectedError("`claims` is not as it should be")
     for name, verdict in claimed.items():
@@ -91,7 +91,7 @@ def check_module_claims(system: System, module: Module, claims: dict[str, str]) 
 
 
 def p1c_verdict(facts: Facts) -> str:
-    """The verdict on P1c, apart from H: "proved" if only declared times matter, else "assumed"."""
+    """The verdict on P1c, H apart: "proved" if it rests on declared times alone, else "assumed"."""
     verify = facts.symbol.verify
     declared = all(getattr(verify, name) is not None for _, name in DELAYS.values())
     return "proved" if declared and not facts.ways.undeclared else "assumed"
@@ -266,7 +266,7 @@ class CaseCheck:
         self._add_tasks(c.return_tasks(cells) for c, cells in zip(self.checks, calm, strict=True))
 
     def _compare_recover_time(self) -> None:
-        """Raises RejectedError if SC may need more time to return than the program claims."""
+        """Raises RejectedError if SC may return later, by any group, than the program says."""
         facts, wanted = self.model.facts, self.entry["recover_ns"]
         declared = facts.symbol.verify.recover
         if declared is None:

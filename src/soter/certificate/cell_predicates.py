@@ -107,7 +107,7 @@ def _cells_by_share(
 
 
 def influence_of_inputs(terms: Terms, root: Proposition, inputs: Sequence[int]) -> arb:
-    """Estimates, without a bound, how far inputs move the numbers that a proposition compares."""
+    """An estimate (no bound) of how far inputs move the numbers that a proposition compares."""
     moved: dict[int, arb] = {}
 
     def width(x: Linear) -> arb:

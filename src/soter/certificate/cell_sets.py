@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A grid over some states; `edges` has the breakpoints of each axis, finite and rising."""
+    """A grid over some states; `edges`: each axis' breakpoints, strictly increasing and finite."""
 
     edges: tuple[tuple[float, ...], ...]
 
@@ -56,7 +56,7 @@ class Grid:
         return tuple(ranges)
 
     def cells_around_interval(self, axis: int, low: float, high: float) -> tuple[int, int] | None:
-        """The (first, last + 1) cells that cover an interval; None if it leaves the axis."""
+        """(first, last + 1) of the cells that cover an interval; None if it leaves the axis."""
         edges = self.edges[axis]
         if not (low >= edges[0] and high <= edges[-1]):
             return None

@@ -58,7 +58,7 @@ def _import_induction_method() -> ModuleMethod:
 
 
 def import_jump_check() -> Callable[..., tuple[str, str]]:
-    """Imports the check of whether a node's steps may wrongly change the state of a view."""
+    """Imports the function that shows by the solver in which steps a node changes a view."""
     from soter.certificate.induction import handover_jumps  # noqa: PLC0415 - see the head
 
     return handover_jumps.why_jumps_not_shown

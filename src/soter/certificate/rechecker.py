@@ -185,7 +185,7 @@ def _check_entry(
     entry: dict[str, Any],
     workers: int,
 ) -> RecheckedModule:
-    """Checks the entry of a module, and appends the facts that it read to `covered`."""
+    """Checks the entry of one module, and appends what was read of the program to `covered`."""
     facts: Covered
     methods = [m for key, m in MODULES.items() if isinstance(entry, dict) and key in entry]
     if methods:
@@ -224,7 +224,7 @@ def _require_all_views(facts: Covered, covered: list[Covered]) -> None:
 
 @contextmanager
 def _rejecting_malformed(part: str) -> Iterator[None]:
-    """Turns errors from malformed values in the manifest into a RejectedError."""
+    """Turns errors that a value of the wrong kind in the manifest causes into a RejectedError."""
     try:
         yield
     except (KeyError, TypeError, AttributeError, IndexError) as error:
@@ -275,9 +275,9 @@ class Claimed:
 
 
 def read_claims(certificate: Certificate, facts: Facts, entry: dict[str, Any]) -> Claimed:
-    """Reads the claims, numbers and groups of an entry, and compares them with the program.
+    """Reads the claims, figures and groups of an entry, and compares them with the program.
 
-    Raises RejectedError if they differ, NotRecheckedError if the cases are too many.
+    RejectedError where they differ, NotRecheckedError where there are too many cases.
     """
     claims = proved_claims(entry["claims"])
     with _rejecting_malformed("a module"):
@@ -365,7 +365,7 @@ def _check_cases(facts: Facts, claimed: Claimed, entry: dict[str, Any], workers:
 
 
 def compare_numbers(facts: Facts, entry: dict[str, Any]) -> None:
-    """Enters the ranges of the states; raises RejectedError if a number in the manifest differs."""
+    """Enters the ranges of the states; RejectedError where a figure of the manifest differs."""
     parameters = [{"name": p.name, "values": list(p.values)} for p in facts.parameters]
     if entry["plants"] != [c.name for c in facts.plants]:
         raise RejectedError("the verification plants are others in the program")
@@ -407,7 +407,7 @@ def _state_extents(
 def read_groups(
     certificate: Certificate, facts: Facts, entries: list[dict[str, Any]]
 ) -> list[GridGroup]:
-    """Reads the groups of a case; raises RejectedError, or NotRecheckedError for a new kind."""
+    """Reads the groups of a case; RejectedError for wrong ones, NotRecheckedError for new kinds."""
     names = {s.name: i for i, s in enumerate(facts.states)}
     groups: list[GridGroup] = []
     for entry in entries:

@@ -48,7 +48,7 @@ class NotRecheckedError(Exception):
 
 @dataclass(frozen=True)
 class Doubt:
-    """The reason why a verdict is not confirmed, with its time, module, and estimate."""
+    """Why a verdict is not confirmed, with its time, its module, and the estimate that it read."""
 
     time_ns: int
     module: str
@@ -59,12 +59,12 @@ class Doubt:
 
 @dataclass
 class FlightReport:
-    """The result for a log: how many verdicts said "AC", and how many of them were confirmed.
+    """One log: how many verdicts said "AC", and how many of these were confirmed.
 
-    `modules`: the modules of the verdicts; `others`: how many verdicts said "SC", which needs no
-    check. `to_ns`: the time up to which the log was read; `cut`: why reading stopped early, or "".
-    `asked`: how many verdicts were checked: all, unless Ctrl-C came (`interrupted`). `unlogged`:
-    topics without a message; verdicts that read them are not confirmed. `seconds`: processor time.
+    `modules`: whose verdicts were read; `others`: how many said "SC", which needs no confirmation.
+    `to_ns`: the time up to which the log was read; `cut`: why not to its end, or "". `asked`: how
+    many verdicts were looked at: all, unless Ctrl-C came (`interrupted`). `unlogged`: topics
+    without a message; verdicts that read them are not confirmed. `seconds` of processor time.
     """
 
     log: str
@@ -83,14 +83,14 @@ class FlightReport:
 
     @property
     def verdict(self) -> str:
-        """The verdict: REJECTED if the log is false somewhere, ACCEPTED if all is confirmed."""
+        """The verdict: REJECTED if something in the log is false, ACCEPTED if all is confirmed."""
         if any(d.kind == CONTRADICTED for d in self.doubts):
             return REJECTED
         return NOT_RECHECKED if self.doubts or self.interrupted else ACCEPTED
 
 
 def missing_properties(claims: dict[str, str], confirmed: list[str]) -> list[str]:
-    """The safety properties that a certificate does not establish; P1c may be assumed.
+    """The properties that safety needs but a certificate does not establish; P1c may be assumed.
 
     An assumed P1c is H >= H* with delays taken as zero: `check_static_claims` compares the two.
     """
@@ -155,7 +155,7 @@ class RecheckedModule:
 
     @property
     def missing(self) -> list[str]:
-        """The safety properties that are not established; the module is safe if it is empty."""
+        """The properties that safety needs but that are not established; safe if there are none."""
         return missing_properties(self.claims, self.confirmed)
 
     @property
@@ -220,7 +220,7 @@ class Report:
 
     @property
     def modules_decided_in_flight(self) -> list[str]:
-        """The modules with all claims confirmed, except claims that DMs decide in flight."""
+        """The modules of which everything is confirmed except what their DMs decide in flight."""
         return [m.name for m in self.modules if m.lacks_flight_only and m.missing]
 
     @property

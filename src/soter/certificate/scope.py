@@ -97,7 +97,7 @@ def other_values_in_program(checked: CheckResult, system: System) -> tuple[dict[
 def open_questions(
     checked: CheckResult, overrides: Mapping[str, Any], covered: Sequence[Covered]
 ) -> list[RecheckAssumption]:
-    """Lists the gaps: matters that a reader might wrongly think are covered."""
+    """The assumptions about matters that a reader might wrongly think are covered."""
     gaps = [*_uncovered_modules(checked, overrides, covered)]
     if values := {n: v for f in covered for n, v in param_values(f.flying).items()}:
         shown = ", ".join(f"{n} = {v}" for n, v in values.items())
@@ -132,7 +132,7 @@ def _modelled_plants_in(system: System, covered: Sequence[Covered]) -> set[str]:
 
 
 def _plants_of_no_claim(covered: Sequence[Covered]) -> Said:
-    """Yields the plants that no claim is about; each stops if what it drives leaves its set."""
+    """The plants that no claim is about; each stops where what it drives leaves a declared set."""
     for system in dict.fromkeys(f.flying for f in covered):
         modelled = _modelled_plants_in(system, covered)
         for c in system.components:
@@ -147,7 +147,7 @@ def _plants_of_no_claim(covered: Sequence[Covered]) -> Said:
 
 
 def _modelled_plants(facts: Covered) -> set[str]:
-    """The plants of the flying system that claims are about, also through abstractions."""
+    """The names, in the flying system, of the plants that claims are about, also if abstracted."""
     around = name_of_subsystem(facts.flying_module)
     names = {link.instance for link in facts.symbol.verify.abstracts}
     if isinstance(facts, Facts):
@@ -203,7 +203,7 @@ def fitted_number_assumptions(facts: Covered) -> Said:
 
 
 def confirmed_facts(facts: Facts, jumps: Mapping[str, Any]) -> list[RecheckAssumption]:
-    """Lists confirmed facts besides the claims: sets that topics keep, and hand-overs."""
+    """Lists confirmed facts besides the claims: sets that topics keep to, and hand-overs."""
     entries = []
     for index in facts.in_sets:
         if not facts.symbol.verify.abstracts:
@@ -258,7 +258,7 @@ def _input_assumptions(facts: Facts) -> Said:
 
 
 def _unproved_sets(facts: Facts) -> Iterator[str]:
-    """Yields the driven topics that are not shown to stay in their declared sets.
+    """Yields the names of driven topics that are not shown to stay in their declared sets.
 
     These include all topics of abstracted plants and of plants outside the proof.
     """
@@ -317,7 +317,7 @@ def _timing_assumptions(facts: Facts) -> Said:
 
 
 def acknowledgement_assumption(symbol: typed.ModuleSymbol) -> Said:
-    """Yields the assumption for a DM that gives control back only after a button press."""
+    """The assumption that is made where a DM gives control back only after a press."""
     if symbol.latch is not None and symbol.latch.topic is not None:
         name = symbol.latch.topic.name
         yield f"acknowledged {name}", in_words("acknowledged", name)

@@ -48,7 +48,7 @@ FAILS, HOLDS = 1, 2
 
 
 def why_vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
-    """Why claims on a module say almost nothing, and why we could not check it; "" if not so."""
+    """(why the claims about a module say almost nothing, why that was not checked); else ""."""
     if nothing := why_safe_says_nothing(facts):
         return nothing, ""
     for values, of_case in zip(facts.parameter_combinations(), groups, strict=True):
@@ -78,7 +78,7 @@ def why_safe_says_nothing(facts: Facts) -> str:
 
 
 def _why_ac_may_never_get_control(facts: Facts, values: tuple[int, ...]) -> str:
-    """The reason why AC may never get control if P2b is not claimed; "" if none is found."""
+    """Why AC may never get control: SC has it at the start, and P2b is not claimed; else ""."""
     if not facts.symbol.stay_clause or facts.symbol.safer is None:
         return ""
     safer = _prepare_admit_check(facts, values, facts.symbol.safer, admits=True)
@@ -118,7 +118,7 @@ def _does_ttf_hold_when_fresh(facts: Facts) -> bool:
 def _why_vacuous_on_drawn_states(
     facts: Facts, values: tuple[int, ...], groups: Sequence[GridGroup]
 ) -> tuple[str, str]:
-    """The two texts of `why_vacuous`, found by `ttf` and `safer` on random states from K."""
+    """The pair of `why_vacuous`, found by `ttf` and `safer` on estimates of states drawn from K."""
     ttf, safer = facts.ttf, facts.symbol.safer
     if ttf is None or safer is None:
         return "", "predicates that are not there are not looked at"

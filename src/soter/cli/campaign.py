@@ -187,7 +187,7 @@ class ViolatedFlight:
 
 @dataclass(frozen=True)
 class ExcusingFault:
-    """A fault outside of the assumptions. `flights`: violated only by it; `met`: excused by it."""
+    """An outside fault. `flights`: clean without it alone; `met`: met it, clean without any."""
 
     flights: int
     met: int

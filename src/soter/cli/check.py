@@ -160,7 +160,7 @@ def _say_report(report: CheckReport, console: Console) -> None:
 
 
 def _without_p1c(line: str, timed: set[str]) -> str:
-    """A line about assumptions; " P1c" is removed if `timed` has all modules of the line."""
+    """A line about assumptions, without P1c if the times of all its modules prove P1c."""
     return line.replace(" P1c", "", 1) if {*line.partition(": ")[0].split(", ")} <= timed else line
 
 

@@ -147,7 +147,7 @@ def _require_utf8(arguments: Sequence[str]) -> None:
 
 
 def _require_no_linked_folder() -> None:
-    """Raises OSError if `.soter`, to which commands write, is a link that may lead anywhere."""
+    """Raises OSError if `.soter`, where commands write, is a link, perhaps made by a stranger."""
     if os.path.lexists(".soter"):
         from soter.report.atomic_write import path_without_links, require_no_links  # noqa: PLC0415 - then only
 

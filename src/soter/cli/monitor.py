@@ -91,7 +91,7 @@ def judgement_findings(judged: Sequence[Judgement]) -> tuple[CiFinding, ...]:
 
 
 def log_findings(judged: LogJudgement) -> tuple[CiFinding, ...]:
-    """A finding for each module: whether a value that it read was outside `safe`."""
+    """A finding for each module: whether a value it read was outside `safe`, with assumptions."""
     findings = []
     for m in judged.modules:
         text = f"{m.module}: {verdict_line(m)}"

@@ -105,7 +105,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _require_sound(program: str, texts: Mapping[str, str]) -> None:
-    """Raises SoterError U001 if the robot's program has an error with the figures of the caller."""
+    """Raises SoterError U001 if the robot's program has an error with the figures given."""
     loaded = load(program, text=texts[program])
     if not loaded.ok:
         first = next(d for d in loaded.diagnostics if d.severity is Severity.ERROR)

@@ -126,7 +126,7 @@ def _read_policy(path: Path, statistics: str | None) -> Policy:
 
 
 def _input_box(policy: Policy, within: list[float] | None) -> tuple[Doubles, Doubles] | None:
-    """The bounds of observations from `--within`, or else from the file; None if it has none."""
+    """The bounds of observations from `--within`, else from the file; None if neither has them."""
     import numpy as np  # noqa: PLC0415 - as above
 
     if within is None:

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 def _write_files(
     report: ReplayReport, args: argparse.Namespace
 ) -> tuple[dict[str, str], tuple[Diagnostic, ...]]:
-    """Paths of the written files by kind, and a diagnostic for each file that was not written."""
+    """Paths of the written files by kind, and diagnostics for those that could not be written."""
     written: dict[str, str] = {}
     problems: list[Diagnostic] = []
     for kind, write in (("html", report.write_html), ("mcap", report.write_mcap)):

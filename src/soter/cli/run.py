@@ -152,7 +152,7 @@ def _default_file_name(args: argparse.Namespace, system: System) -> str:
 
 
 def _path_of_output(args: argparse.Namespace, system: System, kind: str, ending: str) -> str:
-    """The path of the log or report (`kind`): the path that the user set, or else the default."""
+    """The path of the log or report (`kind`): as given, else the default name in the folder."""
     path: str = getattr(args, kind)
     if path == OWN_PLACE:
         return str(Path(args.output) / f"{_default_file_name(args, system)}{ending}")
@@ -160,7 +160,7 @@ def _path_of_output(args: argparse.Namespace, system: System, kind: str, ending:
 
 
 def _new_run_log(args: argparse.Namespace) -> RunLog | None:
-    """The log that the run fills while it flies; None without `--log`."""
+    """The writer that fills the log during the run; None without `--log`."""
     if args.log is None:
         return None
     from soter.simulate.run_log import RunLog  # noqa: PLC0415 - an extra
@@ -169,7 +169,7 @@ def _new_run_log(args: argparse.Namespace) -> RunLog | None:
 
 
 def _repair_logs(args: argparse.Namespace, process: int) -> tuple[str, ...]:
-    """Repairs the logs that the dead process `process` did not finish; gives sentences on them."""
+    """Repairs logs that the dead process `process` left unfinished; gives a sentence for each."""
     if args.log is None:
         return ()
     from soter.report.atomic_write import files_left_by  # noqa: PLC0415 - only after a crash
@@ -188,7 +188,7 @@ def _repair_logs(args: argparse.Namespace, process: int) -> tuple[str, ...]:
 def _write_files(
     program: Program, result: Run, args: argparse.Namespace, log: RunLog | None, console: Console
 ) -> tuple[dict[str, str], tuple[Diagnostic, ...]]:
-    """Paths of the written files by kind, and a diagnostic for each file that was not written."""
+    """Paths of the written files by kind, and diagnostics for those that could not be written."""
     written: dict[str, str] = {}
     problems: list[Diagnostic] = []
     if log is not None:

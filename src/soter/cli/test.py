@@ -71,7 +71,7 @@ def findings_of_tests(report: ExploreReport) -> tuple[CiFinding, ...]:
 def write_problems_as_junit(
     file: str, why: SoterError, path: str, warnings: tuple[Diagnostic, ...]
 ) -> None:
-    """Writes the errors that kept the tests from running as JUnit XML; or SoterError D006."""
+    """Writes as JUnit XML why no test was explored; `SoterError` D006 if it cannot be written."""
     try:
         write_text(junit_of_problems(file, (*warnings, *why.diagnostics)), path)
     except SoterError as error:
@@ -248,7 +248,7 @@ def _figures_text(test: TestResult) -> str:
 
 
 def _coverage_lines(test: TestResult, console: Console) -> list[str]:
-    """Lines on how much was reached, names not reached, and parts of the test that cannot fail."""
+    """Lines for how much was reached, what was never reached, and what in the test cannot fail."""
     from soter.report.wording import visible  # noqa: PLC0415 - needs NumPy
 
     parts = [(name, part) for name, part in test.coverage.kinds_by_name() if part.total]

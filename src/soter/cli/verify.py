@@ -265,7 +265,7 @@ def _coverage_lines(report: VerifyReport) -> list[str]:
 
 
 def _print_joint_verdict(report: VerifyReport, printed: Printout) -> None:
-    """Prints the joint verdict on all modules, and the reason for each of their assumptions."""
+    """Prints the verdict on all modules together, and who guarantees what each module assumes."""
     from soter.report.tables import Styled  # noqa: PLC0415 - needs NumPy
     from soter.verify.scope import composed_assumptions_of  # noqa: PLC0415 - what is stored needs none
 
@@ -283,7 +283,7 @@ def _print_joint_verdict(report: VerifyReport, printed: Printout) -> None:
 
 
 def _open_clauses_text(report: VerifyReport, taken: list[ComposedAssumption]) -> str:
-    """Words on the assumptions that the joint verdict leaves open; "" if it leaves none open."""
+    """Words on what the verdict on all modules together leaves open; "" if nothing."""
     assumed = sum(t.open and not t.promised for t in taken)
     promised = sum(t.open and t.promised for t in taken)
     clauses = []

@@ -228,7 +228,7 @@ class Body(Places):
     def translate_block(self, statements: tuple[core.Stmt, ...], *after: object) -> list[c.CStmt]:
         """The C of these statements.
 
-        A temporary that neither the statements nor `after` read gets a mark against warnings.
+        A temporary that neither they nor `after` read is marked as unused, against warnings.
         """
         return list(self._c_block(statements, self.names_used((statements, after))))
 
@@ -393,7 +393,7 @@ class Body(Places):
         return self._declaration(s.name, s.type, call, const=True)
 
     def _index_bound(self, limit: core.Expr) -> c.CExpr:
-        """The bound of an index; for a list, the length, which C limits to the capacity."""
+        """The bound of an index; for a list the length, but at most the capacity, for compilers."""
         e = self.expr(limit)
         if not isinstance(limit, core.Length):
             return e

@@ -133,7 +133,7 @@ def has_meaning(name: str) -> bool:
 def program_prefix(stem: str) -> str:
     """The prefix of all C names of a program, made from the name of its source file.
 
-    The prefix is no name of a C header, and does not begin with `soter`, as the run-time does.
+    It is not the name of a C header, and does not begin with `soter`, which is the run-time's.
     """
     prefix = legal_name(stem)
     if prefix in HEADERS or prefix.lower().startswith("soter"):
@@ -203,7 +203,7 @@ class FileNames:
         self._taken = {f"{prefix}_{name}" for name in taken}
 
     def __call__(self, text: str) -> str:
-        """A new name made from `text`; it begins with the prefix."""
+        """A new name made from `text`; it begins with the prefix, once."""
         return self.new_family(text, ())
 
     def new_family(self, text: str, endings: tuple[str, ...]) -> str:

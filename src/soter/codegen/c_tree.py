@@ -354,7 +354,7 @@ INT64 = "int64_t"
 
 
 def without_branches(f: FunctionDef) -> FunctionDef:
-    """The function, with bit masks for each `if` in which each side only assigns one int64_t."""
+    """The function with bit masks for each `if` whose sides assign one int64_t each."""
     if f.body is None:
         return f
     names = {s.name for s in _statements_in(f.body) if isinstance(s, Declare) and s.type == INT64}

@@ -216,7 +216,7 @@ def _counter_name(number: int) -> str:
 
 @contextmanager
 def watching() -> Iterator[Callable[[], dict[tuple[str, str], set[Vector]]]]:
-    """Counts conditions of C generated in this block; yields a function that gives all counts."""
+    """Counts conditions of C generated in this block; the function gives all evaluations so far."""
     libraries: list[tuple[tuple[Decision, ...], Path]] = []
     token = _WATCHED.set(libraries)
     try:

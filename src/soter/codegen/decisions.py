@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def switch_function(frame: Frame) -> c.FunctionDef:
-    """The C function of the switching logic; `verify/deploy/dm_check.py` tries all arguments."""
+    """The C function of the switching logic, over facts; `verify/deploy/dm_check.py` tries all."""
     ac, sc = c.Name("SOTER_AC"), c.Name("SOTER_SC")
     ttf, stale, safer = c.Name("ttf"), c.Name("stale"), c.Name("safer")
     unsafe = c.Binary("||", c.Binary("||", ttf, stale), c.Name("gate_fault"))

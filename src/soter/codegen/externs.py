@@ -220,7 +220,7 @@ def move_to_ends(
 ) -> list[c.CStmt]:
     """Statements that move a float back to the end of its set if float32 rounded it beyond the end.
 
-    `bounds` has a bound for each leaf of `t`. An end that float32 rounds inward needs nothing.
+    `bounds` has one for each leaf of `t`. An end that float32 keeps or rounds inward needs nothing.
     """
     if isinstance(t, FloatType):
         return [] if bounds[0] is None else _move_float_to_ends(bounds[0], e)
@@ -242,7 +242,7 @@ def move_to_ends(
 def _move_array_to_ends(
     t: ArrayType, bounds: Sequence[Bound | None], e: c.CExpr, depth: int
 ) -> list[c.CStmt]:
-    """`move_to_ends` for an array: a loop if all elements have the same bounds, else each alone."""
+    """`move_to_ends` for an array: a loop if all elements have the same bounds, else one by one."""
     size = sum(1 for _ in leaves(t.element))
     groups = [tuple(bounds[k * size : (k + 1) * size]) for k in range(t.size)]
     at = c.Member(e, "at")

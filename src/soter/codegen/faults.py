@@ -224,7 +224,7 @@ def _faulty_leaf(
     *,
     is_float: bool,
 ) -> c.CExpr:
-    """The C of a leaf's new value; `values`: the C of the output's value and of the topic's."""
+    """The C of a leaf's new value; `values`: the C of the output's, and of the topic's so far."""
     i, leaf = fault_and_leaf
     old, now = values
     if f.kind == "stuck":

@@ -134,7 +134,7 @@ def _take_extern_answer(
     takeover: list[c.CStmt],
     loss_checks: list[c.CStmt],
 ) -> list[c.CStmt]:
-    """Takes an extern's answer; `takeover` runs first only for linked C that has locals."""
+    """Takes an extern's answer; `takeover` runs before linked C that has locals, else after it."""
     if frame.is_linked(component):
         answers = _call_linked(frame, component, step, name)
     else:
@@ -152,7 +152,7 @@ def _take_extern_answer(
 def _store_shield_memory(frame: Frame, step: core.NodeStep) -> list[c.CStmt]:
     """Stores the commands of a step for its shield.
 
-    It always stores proposed commands, but published ones only if outputs are enabled (rule n1).
+    It stores proposed commands always, published ones only if outputs are enabled (OE; rule n1).
     """
     shield = step.shield
     if shield is None:

@@ -97,7 +97,7 @@ def assemble(types: TypeTable, t: Type, values: object) -> c.CExpr:
 
 
 def declare_choices(component: Component, statements: tuple[core.Stmt, ...]) -> list[c.CStmt]:
-    """Declares the variables that draw choices: the count so far and the number of the release."""
+    """Declares the variables by which choices are drawn: their count, the release's number."""
     if not any(isinstance(n, core.Choose) for n in walk(statements)):
         return []
     since = c.Binary("-", CT, int_number(component.phase_ns)) if component.phase_ns else CT

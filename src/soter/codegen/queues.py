@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def push_function(frame: Frame, topic: Topic) -> c.FunctionDef:
-    """The C function that puts a topic's value into its queues; each full queue has a policy."""
+    """The C function that puts a topic's value into its queues; a full queue follows its policy."""
     body: list[c.CStmt] = [frame.state_pointer()]
     for index in topic.queues:
         queue = frame.system.topics[index]

@@ -90,7 +90,7 @@ class Frame:
         ]
 
     def checked_code(self, code: list[c.CStmt], failed: tuple[c.CStmt, ...] = ()) -> list[c.CStmt]:
-        """The code; if it may fault, C follows that after a fault runs `failed` and returns."""
+        """The code; if it may fault, followed by C that after a fault runs `failed` and returns."""
         if not any(name in {"fault", "status"} for s in code for name in c.names_read(s)):
             return code
         ends = (*failed, c.Return(c.Name("status")))
@@ -153,7 +153,7 @@ class Frame:
         return commits
 
     def restore_locals(self, copies: tuple[core.LocalCopy, ...]) -> list[c.CStmt]:
-        """The C that gives changed large locals their old values again after a fault."""
+        """The C that gives locals changed in place their old values again after a fault."""
         return [
             c.IfStmt(
                 self.body.changed_flag(x.name),
@@ -164,7 +164,7 @@ class Frame:
         ]
 
     def declare_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
-        """Declares `out_topic` and `has_topic` of outputs; some share the place of a local."""
+        """Declares `out_topic` and `has_topic` of outputs; large ones may share a local's place."""
         unique = UniqueNames()
         topics = [self.system.topics[o.topic].name.rpartition(".")[2] for o in outputs]
         self.body.outputs = tuple(unique(name) for name in topics)

@@ -206,7 +206,7 @@ class _Planner:
         return min((n for n, p in group.items() if not p), key=self._rank)
 
     def _rank(self, name: str) -> tuple[int, int, int]:
-        """A rank; the lowest name of a group is its home: result, locals, outputs, others."""
+        """A name's rank; a group's home has the least: result, locals, outputs, others."""
         if name == RESULT:
             return 0, 0, 0
         if name in self.kept:
@@ -215,7 +215,7 @@ class _Planner:
 
 
 def _names_inside(e: core.Expr) -> Iterator[str]:
-    """Yields the temporaries of an expression with an address, which may be parts of them."""
+    """Yields the temporaries that an expression with an address is, or is a part of."""
     if isinstance(e, core.Select):
         yield from _names_inside(e.then)
         yield from _names_inside(e.otherwise)
@@ -395,7 +395,7 @@ class _Walker:
         *,
         full: bool = True,
     ) -> None:
-        """Notes the names a write interferes with; a value with an address is copied at once."""
+        """Notes with what a write interferes; only a value with an address is copied at once."""
         at_once = value is not None and has_address(value)
         needed = live if at_once else live | reads
         self.changed |= {r for r in needed if name in self.behind.get(r, ())}

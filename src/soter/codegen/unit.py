@@ -111,8 +111,8 @@ def generate(
 ) -> Unit:
     """The C of a system; with `branches` its nodes report which branches they take.
 
-    `apart`: indices of extern nodes in another process: their C is not linked, and their answers
-    are checked completely. Raises SoterError X009 if names of C functions clash.
+    `apart`: indices of extern nodes in another process: their C is not linked, and all their
+    answers are checked, lengths included. Raises SoterError X009 if names of C functions clash.
     """
     builder = UnitBuilder(system, core or lower(system), prefix)
     builder.frame.apart = apart

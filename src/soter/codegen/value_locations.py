@@ -136,7 +136,7 @@ class Places:
         return name in self.plan.references or name in self.in_place
 
     def has_place(self, name: str) -> bool:
-        """Whether a name has a place that is not part of another name's place."""
+        """Whether a name has a place of its own."""
         return self.plan.home_name(name) == name
 
     def place_of(self, name: str) -> c.CExpr:
@@ -163,7 +163,7 @@ class Places:
         return c.Name(f"given_{self.c_name(name)}_changed")
 
     def value_before(self, name: str) -> c.Name:
-        """The C variable that holds the value that a changed local had before the step."""
+        """The C variable with the value that a local changed in place had before the step."""
         return c.Name(f"given_{self.c_name(name)}_before")
 
     def with_saved_value(self, s: core.Stmt, made: list[c.CStmt]) -> list[c.CStmt]:
@@ -202,7 +202,7 @@ class Places:
         return [s for before, _ in pairs for s in before], [argument for _, argument in pairs]
 
     def _argument(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
-        """The statements that must stand before a call, and one C argument, perhaps an address."""
+        """Statements before the call, and one C argument: the address of a large value."""
         if not self.types.is_large(e.type):
             return [], self.expr(e)
         if has_address(e):
@@ -271,7 +271,7 @@ class Places:
         return isinstance(e, core.Var) and self.place_of(self.plan.referred_name(e.name)) == target
 
     def _may_read_target(self, target: c.CExpr, root: str, e: core.Make) -> bool:
-        """Whether writing `e` to `target` may read a piece from `root` after it was overwritten."""
+        """Whether a piece of `e`, which is written to `target`, may be read from place `root`."""
         unchanged: set[str] = set()
         others = list(e.elements)
         if isinstance(e.type, RecordType):
@@ -284,7 +284,7 @@ class Places:
         return any(self.plan.home_name(x) == self.plan.home_name(root) for x in reads)
 
     def _write_to_new_place(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
-        """Statements that write a value to a new place, and the C name of that place."""
+        """Statements that write a value to a new place, and that place."""
         self._new_places += 1
         made = c.Name(f"given_{self._new_places}")
         declared = c.Declare(self.types.work_type(e.type), made.text, None)

@@ -261,7 +261,7 @@ class Loop(Stmt):
 class Publish(Stmt):
     """Remembers a publication on output number `output` of the step.
 
-    With a `limit`, the value joins earlier values; a fault if there are `limit` values already.
+    With a `limit`, the value goes behind earlier values; a fault if there are `limit` already.
     """
 
     output: int

@@ -393,7 +393,7 @@ class _Body:
     # ------------------------------------------------------------ one exit
 
     def may_have_left(self, statements: tuple[core.Stmt, ...], leave: str, *, left: bool) -> bool:
-        """Whether these statements may return; checks that statements after a return do nothing."""
+        """Whether the function may have returned after these statements; checks those behind."""
         still_here = core.Unary(BOOL, "not", core.Var(BOOL, leave))
         for s in statements:
             if isinstance(s, core.If):

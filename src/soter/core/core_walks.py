@@ -29,7 +29,7 @@ _NOT_WALKED = frozenset({"type", "span", "value"})
 
 @cache
 def _code_fields(kind: type) -> tuple[tuple[str, type | tuple[type, ...]], ...] | None:
-    """Gives the fields of a class of Core, last first, with types of code in them; or None."""
+    """Gives the fields of a class of Core, last first, with types of code in them; else None."""
     if not issubclass(kind, (core.Expr, core.Stmt)):
         return None
     code = (tuple, core.Expr, core.Stmt)
@@ -89,7 +89,7 @@ def cells_of_publication(system: System, topic: int) -> list[core.Cell]:
 
 
 def outputs_always_published(code: tuple[core.Stmt, ...]) -> set[int]:
-    """Gives the numbers of the outputs that a step publishes on each of its branches."""
+    """Gives the numbers of the outputs that a step publishes whichever branches it takes."""
     outputs: set[int] = set()
     for s in code:
         if isinstance(s, core.Publish):
@@ -100,7 +100,7 @@ def outputs_always_published(code: tuple[core.Stmt, ...]) -> set[int]:
 
 
 def operations_by_name(functions: tuple[Function, ...]) -> dict[str, int]:
-    """Gives the `operations` of each function by name; callees come first in `functions`."""
+    """Gives function name -> its `operations`; `functions` has callees before their callers."""
     known: dict[str, int] = {}
     for f in functions:
         known[f.name] = operations(f.body, known)

@@ -202,7 +202,7 @@ class Execution(ABC, Generic[V]):
 
     @abstractmethod
     def _operation_value(self, e: core.Expr, *operands: V) -> V:
-        """Gives the value of an expression that is no `Var` from the values of its parts."""
+        """Gives the value of an expression, which is no `Var`, from its parts' values in order."""
 
     @abstractmethod
     def _decided_truth(self, condition: V) -> bool | None:

@@ -441,7 +441,7 @@ FIXED_FIELDS = ("header", "components", "modules", "properties", "stamps", "topi
 
 
 def field_name_of_group(group: StructGroup) -> str:
-    """Gives the field name of a group in the dtype; a name already in use gets a `_` at its end."""
+    """Gives the name of a group in the dtype: its own, or `header_` if it is called `header`."""
     taken = group.owner >= 0 and group.name.rstrip("_") in FIXED_FIELDS
     return f"{group.name}_" if taken else group.name
 

@@ -203,7 +203,7 @@ class ExpressionBuilder:
         return core.Cell("topic", index, self.system.topics[index].name)
 
     def _lower_topicread(self, e: typed.TopicRead) -> core.Expr:
-        """Gives the value of a topic, or after the body the value that the step published."""
+        """Gives the value of a topic; after a step's body what the step published, if anything."""
         old = core.Get(e.type, self.topic_cell(e.topic))
         new = self.published.get(e.topic)
         if new is None or new[0] is None:

@@ -62,7 +62,7 @@ class Builder(ExpressionBuilder):
     # ------------------------------------------------------------ statements
 
     def lower_block(self, statements: tuple[typed.TypedStmt, ...]) -> None:
-        """Lowers statements; code after a possible return runs only without that return."""
+        """Lowers statements; those after a possible return run only if it did not happen."""
         for position, s in enumerate(statements):
             rest = statements[position + 1 :]
             if self._result is not None and may_return(s):

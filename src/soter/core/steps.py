@@ -134,7 +134,7 @@ def _lower_shield(
 
 
 def _copy_of_topic(builder: Builder, topic: Topic, base: str, span: Span) -> tuple[core.Cell, str]:
-    """Copies a hidden topic into a new temporary; gives the topic's cell and the temporary."""
+    """Copies a hidden topic into a new temporary; gives the topic's cell and that name."""
     cell = core.Cell("topic", topic.index, topic.name)
     name = builder.unused_name(base)
     builder.emit(core.Let(span, name, core.Get(topic.type, cell), mutable=True))
@@ -149,7 +149,7 @@ def _emit_proposals(
     *,
     moves: bool,
 ) -> None:
-    """Emits code that proposes a controller's numbers and, if `moves`, moves these numbers."""
+    """Emits code that proposes the numbers a controller would publish; if `moves`, moves them."""
     assert component.module is not None
     system, span = builder.system, component.span
     module = system.modules[component.module]
@@ -207,7 +207,7 @@ def _read_output(builder: Builder, module: Module, topic: int, new: tuple[int | 
 def _emit_permission_guard(
     builder: Builder, component: Component, outputs: tuple[core.Output, ...]
 ) -> None:
-    """Emits a guard: AC's step faults if it publishes commands that are not permitted."""
+    """Emits a guard: AC's step faults unless the commands that may act then are permitted."""
     assert component.module is not None
     module = builder.system.modules[component.module]
     number = {o.topic: k for k, o in enumerate(outputs)}

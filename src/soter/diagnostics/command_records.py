@@ -169,7 +169,7 @@ def whole(low: int, high: int, text: str = "whole", in_python: str = "{}") -> Ki
 
 
 def seconds(low: str, high: int, *, optional: bool = False) -> Kind:
-    """The kind of option for seconds up to `high`; `low`: its lower end in words."""
+    """The kind of option for seconds up to `high`; `low`: the lower end, "from 0 ..." allows 0."""
 
     def fits(value: object) -> bool:
         if value is None or isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -180,7 +180,7 @@ def seconds(low: str, high: int, *, optional: bool = False) -> Kind:
 
 
 def size(low: int) -> Kind:
-    """The kind of option for a size of at least `low` bytes, written as a number or as `512M`."""
+    """The kind of option for a size of at least `low` bytes, as a number or text like `512M`."""
     return Kind(
         "size",
         "write it as 512M or 2G; 1M at least",
@@ -190,7 +190,7 @@ def size(low: int) -> Kind:
 
 
 def bytes_of(size_: int | str) -> int | None:
-    """The number of bytes that a number or a text like `512M` means; None for any other text."""
+    """The bytes that a number or a text like `512M` means; None for anything else."""
     if isinstance(size_, int):
         return None if isinstance(size_, bool) else size_
     match = _SIZE.fullmatch(size_.strip()) if isinstance(size_, str) else None
@@ -299,7 +299,7 @@ def refuse_needless(so: str, **options: bool) -> None:
 
 
 def removed_flags(record: type, flags: Sequence[str]) -> tuple[Diagnostic, ...]:
-    """A U001 for each flag in `record.GONE`, which older versions had; its help is a substitute."""
+    """U001 for each flag in `record.GONE`, which older versions had, with what to do instead."""
     remedies = {flag: remedy for row, remedy in getattr(record, "GONE", ()) for flag in row.split()}
     asked = dict.fromkeys(flag for flag in flags if flag in remedies)
     return tuple([Diagnostic("U001", f"`{f}` is gone", helps=(remedies[f],)) for f in asked])

@@ -73,7 +73,7 @@ def render(diagnostic: Diagnostic, *, color: bool = False) -> str:
 
 
 def render_all(diagnostics: Iterable[Diagnostic], *, color: bool = False) -> str:
-    """All diagnostics with blank lines between them, and their number; "" for none."""
+    """All diagnostics, a blank line between them, and their counts; "" if there are none."""
     items = list(diagnostics)
     if not items:
         return ""
@@ -139,7 +139,7 @@ def _all_labels(diagnostic: Diagnostic) -> list[tuple[Label, bool]]:
 
 
 def _gutter_width(diagnostic: Diagnostic) -> int:
-    """The number of digits of the largest line number, but at least two."""
+    """The digits of the largest line number, at least two, so that notes have a gutter."""
     numbers = [len(str(label.span.line)) for label, _ in _all_labels(diagnostic)]
     return max([2, *numbers])
 

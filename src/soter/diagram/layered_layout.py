@@ -314,7 +314,7 @@ def _wanted_x(spot: Spot, joined: Sequence[tuple[float, Spot, float]]) -> tuple[
 
 
 def _nearest_places(layer: Sequence[Spot], wishes: Sequence[tuple[float, float]]) -> list[float]:
-    """The x of each spot, near the wanted x by weighted least squares; keeps order and gaps."""
+    """The x nearest to the wanted ones, by weighted least squares, with order and gaps kept."""
     starts = [0.0]
     for spot, other in pairwise(layer):
         gap = GAP_PX if spot.box is not None and other.box is not None else BEND_PX

@@ -129,7 +129,7 @@ def _part_size(part: Part) -> tuple[float, float]:
 
 
 def _anchors_x(part: Part, left: float = 0.0) -> dict[str, float]:
-    """By key: the x where arrows meet a part or a part inside it; counts from the left edge."""
+    """By key: the x where arrows meet a part or one inside it, from the outermost left edge."""
     width, _ = _part_size(part)
     x_by_key = {part.key: left + width / 2}
     if isinstance(part, ModuleFrame):

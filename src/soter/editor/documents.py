@@ -100,7 +100,7 @@ class Overlay(SourceAccess):
 
 
 def _texts_with_imports(file: LoadedFile) -> tuple[str, ...] | None:
-    """Paths and texts of a file and its imports, alternating; None if an import is unreadable."""
+    """Paths and texts of a file and its imports, in turn; None if one cannot be read."""
     texts: list[str] = []
     todo, seen = [file], {id(file)}
     while todo:

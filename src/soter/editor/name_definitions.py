@@ -43,7 +43,7 @@ class Definition:
 
 @dataclass(frozen=True)
 class Use:
-    """A place that has a name; the declaration of the name is also a use."""
+    """A place where a name is written; its declaration is one, too."""
 
     span: Span
     definition: Definition

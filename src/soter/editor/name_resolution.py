@@ -330,7 +330,7 @@ class Members:
         return instances
 
     def _instances_nameable_in(self, decl: tree.Decl, file: LoadedFile) -> Instances:
-        """The instances that names in a declaration may mean, of its system or systems with it."""
+        """Instances that a declaration may name, of its system or of those with its module."""
         system = self._by_place[_place(decl.name)]
         if isinstance(decl, tree.SystemDecl):
             return self._instances_inside(system)
@@ -351,7 +351,7 @@ class Members:
         return beside
 
     def _component_named(self, name: str, instances: Instances) -> Definition | None:
-        """A controller in a module, if its system knows it by its node's name; or None."""
+        """A node in a module that its system knows by the node's name; or None."""
         for _, part in instances.values():
             found = None
             if part is not None and isinstance(part.node, tree.RtaDecl):

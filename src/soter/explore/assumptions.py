@@ -130,9 +130,9 @@ def _tests_with_instance(system: System, instance: str) -> Iterator[tuple[str, s
 def _difference_in_words(
     test: typed.TestSymbol, here: typed.TestSymbol, instance: str
 ) -> str | None:
-    """How a test that runs `instance` itself differs from the test `here`; "" if it does not.
+    """How a test that runs `instance` itself differs from the test `here`; "" if in nothing else.
 
-    None if `test` does not have the instance, or also replaces it.
+    None if `test` does not have the instance, or replaces it as well.
     """
     original = symbol_at_path(test, instance)
     replaced = (
@@ -152,7 +152,7 @@ def _difference_in_words(
 def _replaced_paths(
     test: typed.TestSymbol, replaced: typed.ModuleSymbol | typed.NodeSymbol, instance: str
 ) -> set[str]:
-    """The paths that a test replaces in a module or node; `instance` if it replaces all of it."""
+    """The paths that a test replaces in a module or node; the path `instance` means all of it."""
     inside = replaced.controllers if isinstance(replaced, typed.ModuleSymbol) else ()
     paths: set[str] = set()
     for path, _, _ in test.replaces:
@@ -230,7 +230,7 @@ def _value_count(t: Type, bound: Bound | None) -> float:
 
 
 def _parameter_note(system: System) -> Iterator[str]:
-    """Yields one sentence with the values of all parameters; changed parameters come first."""
+    """Yields one sentence with all parameters' values; those set to another value come first."""
     changed, values = [], []
     for name, value in system.params.items():
         param = system.program.param(name)
@@ -363,7 +363,7 @@ def _time_grid_notes(times: TimeChoices | None) -> Iterator[str]:
 
 
 def _coverage_limit_note(system: System) -> Iterator[str]:
-    """Yields a note if topics have more scalars than the coverage includes."""
+    """Yields a note if topics have more scalars than coverage counts."""
     topics = [t for t in system.topics if t.queue_of is None]
     scalars = sum("[]" not in path for t in topics for path, _ in leaves(t.type))
     if scalars > LEAVES_MAX:
@@ -397,7 +397,7 @@ def _sampled_floats_note(system: System) -> Iterator[str]:
 
 
 def drawn_disturbances(system: System) -> list[str]:
-    """The names of the disturbances that the seed determines once, for all executions."""
+    """The names of the disturbances that are drawn from the seed once, for all executions."""
     return [
         f"{c.name}.{d.variable.name}"
         for c in system.components
@@ -407,7 +407,7 @@ def drawn_disturbances(system: System) -> list[str]:
 
 
 def _collision_note(states: int) -> str:
-    """A note on the chance that two of n configurations share a fingerprint: n^2 / 2^65."""
+    """A note on the chance that two of n configurations share a 64-bit fingerprint: n^2 / 2^65."""
     chance = min(states * states / 2.0 ** (FINGERPRINT_BITS + 1), 1.0)
     return (
         f"fingerprints of 64 bits: a configuration was missed with probability about {chance:.1g}"

@@ -92,7 +92,7 @@ def vacuous_parts_of_search(
 
 
 def coverage_bound(system: System, search: Search, coverage: Coverage) -> str | None:
-    """The bound for which an exhausted search does not cover all executions; None if it does."""
+    """The bound that keeps an exhausted search from covering all executions; None if none does."""
     if not coverage.properties.reached:
         return UNJUDGED
     if assumptions.undriven_inputs(system):
@@ -109,7 +109,7 @@ def coverage_bound(system: System, search: Search, coverage: Coverage) -> str | 
 def search_verdict(
     search_result: Found, options: SearchOptions, short_of: str | None
 ) -> tuple[str, str | None]:
-    """The verdict, and the bound that was reached or None; `short_of`: from `coverage_bound`."""
+    """The verdict, and the bound reached or None; `short_of`: the bound of an exhausted search."""
     if search_result.status == "violated":
         return VIOLATED, None
     if search_result.status == "exhausted":
@@ -421,7 +421,7 @@ def make_trace(result: TestResult, header: TraceHeader, steps: Sequence[Step]) -
 def save_traces(result: TestResult, folder: Path) -> Path | None:
     """Writes the trace of a violated test, and returns its path; None without a trace.
 
-    Traces of other properties get the same name with `-2` and so on. May raise SoterError D006.
+    Other properties' traces go beside it, with `-2` and so on in the name. Raises SoterError D006.
     """
     if result.replayed is None:
         return None

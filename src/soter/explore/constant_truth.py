@@ -242,9 +242,9 @@ def holds_always(
     period_ns: int = 0,
     values: Mapping[typed.Variable, typed.TypedExpr] | None = None,
 ) -> bool:
-    """Whether the condition is `wanted` and never faults, for all values; False if unknown.
+    """Whether the condition is `wanted` and never faults, whatever it reads; False if unknown.
 
-    `values`: by local that the condition reads, the expression of its value.
+    `values`: the locals that the condition reads, with the expressions of their values.
     """
     try:
         return _Condition(condition, wanted, scope, read, period_ns, values or {}).holds_always()
@@ -272,7 +272,7 @@ class _Condition:
         self.asked: dict[ReadPlace, Range] = {}
 
     def holds_always(self) -> bool:
-        """Whether the condition is `wanted` for all values, by ranges, by boxes, or by z3."""
+        """Whether the condition is `wanted` everywhere: over all ranges, by boxes, or by z3."""
         judgement = self._truth_in({})
         if judgement is not None:
             return judgement
@@ -388,7 +388,7 @@ def _example_points(boxes: list[tuple[Range, ...]]) -> Iterator[tuple[Range, ...
 
 
 def _random_points(cuts: list[list[Range]]) -> Iterator[tuple[Range, ...]]:
-    """Yields random points, always the same; they decide most conditions."""
+    """Yields random points, the same ones every time; one of them decides most conditions."""
     dice = Random(0)  # noqa: S311 - no secret
     for _ in range(RANDOM_POINTS):
         yield tuple([dice.choice(_sample_values(dice.choice(parts))) for parts in cuts])

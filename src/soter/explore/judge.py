@@ -108,7 +108,7 @@ def test_plan(system: System) -> TestPlan:
 
 
 class ExecutionCalendar:
-    """The state of an execution in its calendar; `take_step` checks a step and moves on."""
+    """The place of one execution in its calendar; `take_step` checks a step and moves on."""
 
     def __init__(self, system: System) -> None:
         self.actors = scheduled_actors(system)
@@ -126,7 +126,7 @@ class ExecutionCalendar:
     # ------------------------------------------------------------ what is to come
 
     def next_window(self, index: int) -> tuple[int, int] | None:
-        """The times [lo, hi] in which an actor's next step may happen; None if it has no more.
+        """The times [lo, hi] at which an actor's next step may happen; None if it has no step left.
 
         While an actor still runs, its next step is the effect of its publications.
         """
@@ -254,7 +254,7 @@ class TraceDraws(AnsweredDraws):
             self._choices_by_stream.setdefault(choice.stream, []).append(choice)
 
     def end_step(self) -> tuple[Choice, ...]:
-        """Ends the step, and returns the choices it used; NotAllowedError if others are left."""
+        """Ends the step, and returns the choices it asked for; NotAllowedError if any is left."""
         for stream, left in self._choices_by_stream.items():
             if left:
                 raise NotAllowedError(f"nothing asks for a choice from `{stream}`")
@@ -279,7 +279,7 @@ class TraceDraws(AnsweredDraws):
     # ------------------------------------------------------------ Draws
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """The number of the alternative, of `count`; its value is not known here."""
+        """The number of one of `count` alternatives; its value is not known here."""
         pick = super().choice(stream, index, count)
         self._keep_value(None)
         return pick
@@ -305,7 +305,7 @@ class TraceDraws(AnsweredDraws):
 
 @dataclass
 class _ControlHistory:
-    """When a module's DM last chose AC (0: the start), and whether SC has acted since."""
+    """When a module's DM last gave the verdict AC (0: the start), and whether SC acted since."""
 
     last_ac_ns: int = 0
     sc_acted: bool = False
@@ -431,7 +431,7 @@ class Judge:
         return None
 
     def _invariant_holds(self, p: TimedProperty, c: Configuration) -> bool:
-        """Whether `safe` holds, and either the last AC verdict is recent or SC has acted since."""
+        """Whether `safe` holds, and the last AC verdict is recent or SC has taken control."""
         assert p.module is not None
         module, history = self._system.modules[p.module], self._histories[p.module]
         if not self._holds(self._safe[p.module], c):
@@ -442,7 +442,7 @@ class Judge:
     # ------------------------------------------------------------ why
 
     def violation_reason(self, broken: ViolationId, c: Configuration, before: Configuration) -> str:
-        """Why a property is violated in `c`, in words; "" if the text of the property is enough.
+        """Why a property is violated in `c`, in words; "" if the text of the property says it.
 
         `before`: the configuration from which the last step led to `c`.
         """

@@ -55,7 +55,7 @@ MODES = ("SC", "AC")
 
 @dataclass(frozen=True)
 class DroppedMessage:
-    """A value that a full queue lost: the oldest or the newest, as the queue's policy says."""
+    """A value that a full queue lost: the oldest or the new one, as its policy says."""
 
     queue: str
     policy: str
@@ -65,9 +65,10 @@ class DroppedMessage:
 class ReplayedStep:
     """One step and the configuration that it led to. Values are JSON; times are ns.
 
-    `published`: topic name -> the value that reached the topic, or a list of values for a burst.
-    `gated`: whether the outputs were disabled, so that they reached no topic. `decided`: the facts
-    that a DM saw, and its mode. `violated`: all properties that are violated after the step.
+    `published`: topic name -> the value that reached the topic, or the list of values if a step may
+    publish several messages. `gated`: its outputs were not enabled, so they reached no topic.
+    `decided`: the facts that a DM saw, and its mode. `violated`: all properties that are violated
+    after the step, that of the trace and others.
     """
 
     number: int
@@ -139,7 +140,7 @@ class Replayed:
 
 
 def replay(trace: Trace, system: System) -> Replayed:
-    """Replays a trace on `system`, the flat test with the parameters and times of the trace."""
+    """Replays a trace; `system` is its test, flattened with the trace's parameters and times."""
     actors = scheduled_actors(system)
     if find_violation_id(system, trace.broken.what, trace.broken.index) != trace.broken:
         problem = f"the test has no such property: {trace.broken.text}"
@@ -287,7 +288,7 @@ class _TraceRun:
     def _contract_reasons(
         self, n: int, done: _Event, before: Configuration
     ) -> dict[ViolationId, str]:
-        """The reason for each broken contract whose condition faults while it is judged."""
+        """For each broken contract whose judgement faults, words on that fault."""
         component, reasons = self.system.components[n], {}
         for b in done.broken:
             if b.what == CONTRACT:

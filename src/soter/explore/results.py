@@ -96,15 +96,14 @@ class TestResult:
     """The result of the search of one test, with its statistics and the violation found.
 
     `verdict`: EXHAUSTED, VIOLATED, or BOUND if the search stopped at `bound`, a key of BOUNDS.
-    `states`: number of stored configurations. `transitions`: number of steps between them. `runs`:
-    number of drawn executions. `depth`: steps of the longest execution. `bits`: size of a packed
-    configuration. `seconds`: duration of the search alone. `table_bytes`: memory of the stored
-    configurations. `frontier_bytes`: memory of the configurations that were still to be followed.
-
-    If the test is violated, `broken`, `replayed` and the file `trace` are set, and `minimal` says
-    whether the trace is proved to be shortest; if not, `least_bound` says why. `minimise_s`:
-    seconds spent on shortening the trace. If no interpreter can replay the violation that the
-    compiled steps found, only `broken` is set, and `unshown` says why.
+    `states`: number of stored configurations. `transitions`: steps made between them. `runs`:
+    number of drawn executions. `depth`: steps of the longest execution seen. `bits`: of a packed
+    configuration. `seconds`: of the search alone. `table_bytes`: memory of stored configurations,
+    `frontier_bytes`: of those still to be followed. If the test is violated, `broken`, `replayed`
+    and the file `trace` are set. `minimal`: no execution to that violation has fewer steps;
+    `least_bound`: why that was not shown. `minimise_s`: seconds spent on that and on shrinking. If
+    no execution shows the violation, only `broken` is set, and `unshown` says why: the compiled
+    steps found it, and no interpreter has replayed it.
     """
 
     __test__ = False  # not a test of pytest's
@@ -224,15 +223,15 @@ class TestResult:
 
     @property
     def parts_clause(self) -> str:
-        """A clause on how many separate parts were explored; "" if the system was not split."""
+        """A clause on the parts that were explored alone; "" if there was only one."""
         return f"; {self.parts} parts that share no data, explored apart" if self.parts > 1 else ""
 
     @property
     def slow_search_note(self) -> str:
         """A note that `--reduction ample` may be faster; "" if the search was not slow.
 
-        A search that stores only the ends of instants repeats steps that several paths between two
-        ends share.
+        A search that stores only the ends of instants follows paths many times that meet between
+        two ends.
         """
         ends_only = self.options.strategy == "bfs" and self.options.reduction in ENDS_ONLY
         each = self.transitions / max(self.states, 1)
@@ -254,7 +253,7 @@ class TestResult:
 
     @property
     def interrupted(self) -> bool:
-        """Whether the user stopped the search, or the shortening or replay of its trace."""
+        """Whether the user stopped the search, or the work on its trace."""
         return INTERRUPTED in (self.bound, self.least_bound, self.unshown, self.others_bound)
 
     def __repr__(self) -> str:
@@ -265,7 +264,7 @@ class TestResult:
 def bound_text(
     bound: str, options: SearchOptions, who: str = "a step", words: int = WORDS_MAX
 ) -> str:
-    """The text of the bound that was reached."""
+    """The text of the bound reached; `who`: the step with too many choices, `words`: how many."""
     return BOUNDS[bound].format(strategy=options.strategy, who=who, words=words)
 
 
@@ -294,7 +293,7 @@ class ExploreReport:
 
     @property
     def interrupted(self) -> bool:
-        """Whether the user stopped a test, so that the tests after it did not start."""
+        """Whether the user stopped a test; the tests after it are then missing."""
         return any(t.interrupted for t in self.tests) or bool(self.not_started)
 
     def _repr_html_(self) -> str:
@@ -308,7 +307,7 @@ class ExploreReport:
         return notebook_table(f"{self.path}: {self.verdict}", heads, rows, self.not_started)
 
     def unclean_contracts_note(self, test: TestResult) -> str:
-        """A note on tests that should verify contracts for `test` but are not exhausted; or ""."""
+        """A note on tests of contracts on which `test` relies that are not clean; "" if all are."""
         asked = {name for names in test.contracts.values() for name in names}
         unclean_tests = [t.name for t in self.tests if t.name in asked and t.verdict != EXHAUSTED]
         names = " and ".join(f"`{name}`" for name in unclean_tests)
@@ -380,7 +379,7 @@ def wholes_by_parts(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
 
 
 def _comparison_key(result: TestResult, symbol: TestSymbol) -> Hashable:
-    """The settings that two tests must share to be in one group, as a key for a dictionary."""
+    """The settings that are equal in all tests of one group, so that their executions compare."""
     plan, system = test_plan(result.system), result.system
     names = [c.name for c in system.components]
     faults = {(names[f.component], f.kind, f.by_ns, f.at_most, f.least_ns) for f in plan.faults}

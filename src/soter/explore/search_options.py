@@ -81,9 +81,9 @@ def c_constant(name: str) -> str:
 class SearchProgress:
     """The progress of a search, for a line of output.
 
-    `tracing`: the search found a violation and looks for an execution that shows it. `minimising`:
-    it looks for the shortest such execution. `bytes`: memory used. `answers`: choices of the step
-    that is being tried, if they are very many.
+    After it found a violation: `tracing`, it looks for an execution that shows it; `minimising`,
+    for the shortest one. `bytes`: memory of all that it keeps. `answers`: those of the step that it
+    tries, if very many.
     """
 
     test: str

@@ -54,7 +54,7 @@ BYTES_MAX = 64 * 2**20
 
 @dataclass(frozen=True)
 class Choice:
-    """An answer to one `choose`: alternative `pick` out of `of`; `value` is a text for people."""
+    """One question that a step left open: alternative `pick` of `of`; `value` is for people."""
 
     stream: str
     pick: int
@@ -86,8 +86,8 @@ class ViolationId:
 class Trace:
     """An execution that violates a property, and the test to which it belongs.
 
-    `program`: the path as the user typed it; in the file, a path relative to the file. `params`:
-    the parameters that the user set, as JSON. `seed`: determines all random draws. Times are in ns.
+    `program`: the path as the user gave it; in the file, a path relative to the file. `params`: the
+    parameters that the user set, as JSON. `seed`: determines all random draws. Times are in ns.
     """
 
     program: str
@@ -341,7 +341,7 @@ def _read_choice(document: _JsonFields) -> Choice:
 
 
 def program_path(trace: Trace) -> str:
-    """The path of a trace's program, found beside the trace's file or as the user typed it."""
+    """The path of a trace's program: relative to the file it was read from, or as it was given."""
     if trace.path is not None:
         beside = Path(os.path.normpath(trace.path.parent / trace.program))
         if beside.is_file() or not Path(trace.program).is_file():
@@ -388,7 +388,7 @@ class _ChoiceSite:
 
 
 class ChoiceWords:
-    """Finds the value and the source text of each choice of a trace."""
+    """Gives the choices of a trace their values (`with_value`) and their `question_text`."""
 
     def __init__(self, system: System) -> None:
         self._sites = {

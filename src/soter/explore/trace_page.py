@@ -69,7 +69,7 @@ _CELL_MAX = 10**6
 
 
 def _instants(replay: Replayed) -> Iterator[Instant]:
-    """Yields the start, the end, each observable step and each violation, as instants."""
+    """Yields the first and last instant, and each at which time may pass or a property fails."""
     for step in replay.steps:
         if step.observable or step.violated or step.kind == START or step is replay.steps[-1]:
             yield Instant(_time_s(step), step.topics, step.truth, step.modes)

@@ -47,9 +47,9 @@ def make_sequence_view(
     provenance: Mapping[str, str] | None = None,
     program: str | None = None,
 ) -> SequenceView:
-    """The view of a replayed trace; if the violation is reproduced, the last step is marked.
+    """The view of a replayed trace; if it reproduces, the last step is the violating one.
 
-    `program`: the path as a reader would type it; by default the path in the trace.
+    `program`: its path as a reader would type it; by default the path in the trace.
     """
     trace, system = replay.trace, replay.system
     words = ChoiceWords(system)
@@ -168,7 +168,7 @@ def _pick_in_words(choice: Choice, words: ChoiceWords) -> Pick:
 
 
 def value_text(value: object) -> str:
-    """The text of a JSON value for people; floats have at most 9 digits."""
+    """A JSON value for people: records as `x = 1, y = 2`, floats with at most 9 digits."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{n}: {value_text(v)}" for n, v in value.items()) + " }"
     if isinstance(value, list):

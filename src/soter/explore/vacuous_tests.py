@@ -127,7 +127,7 @@ def permits_nothing(c: Component, read: Read) -> bool:
 def _condition_and_publication(
     condition: typed.TypedExpr, body: tuple[typed.TypedStmt, ...]
 ) -> typed.TypedExpr:
-    """The condition, combined with the condition that at least one output is published."""
+    """The condition; where each output has an `if` of its own, also that one is published."""
     if any(isinstance(s, typed.TypedPublish) for s in body):
         return condition
     published: typed.TypedExpr | None = None
@@ -157,10 +157,10 @@ CANNOT_FAIL = "property"
 
 @dataclass(frozen=True)
 class VacuousPart:
-    """A part of a test that shows nothing, with the reason.
+    """One part of a test that says nothing.
 
-    `what`: property (it cannot fail), premise (it never held), contract, module, fault, input or
-    replacement. `name`: the name or text of the part. `why`: the reason, as the end of a sentence.
+    `what`: property (it cannot fail), premise (it was never put to the test), contract, module,
+    fault, input or replacement; `name`: its name or text; `why` it says nothing.
     """
 
     what: str
@@ -186,11 +186,11 @@ def find_vacuous_parts(
     *,
     ended: bool,
 ) -> tuple[VacuousPart, ...]:
-    """All parts of a test that show nothing.
+    """All parts of a test that say nothing.
 
     `met`: for each property, then each timed one, whether it was judged, and put to the test.
-    `unreached`: modes that no execution reached. `replaced`: pairs of a component and its
-    replacement. `ended`: whether the search saw all executions.
+    `unreached`: modes that no execution reached. `replaced`: pairs of a component and what replaces
+    it. `ended`: the search saw all executions, so what none of them met cannot be met.
     """
     vacuities = [*_vacuous_statements(system, met, ended=ended), *_unread_parts(system, replaced)]
     for module in system.modules:
@@ -338,7 +338,7 @@ def _fault_vacuities(system: System) -> Iterator[VacuousPart]:
 
 
 def _unread_parts(system: System, replaced: Sequence[tuple[str, str]]) -> Iterator[VacuousPart]:
-    """Yields drawn inputs, and replacements that publish, which no other part of the test reads.
+    """Yields inputs that are drawn, and replacements that publish, though nobody reads them.
 
     Replacements by contracts are left out: they make a test smaller, and are not meant to be read.
     """

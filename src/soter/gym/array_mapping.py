@@ -84,7 +84,7 @@ def array_of_doubles(numbers: object, subject: str) -> npt.NDArray[np.float64]:
 
 
 def assemble_values(shapes: Shapes, flat: object, subject: str) -> list[Value]:
-    """Makes one value of each type from an array; raises SoterError U001 for a wrong count."""
+    """Makes one value of each type from an array of just as many numbers; SoterError U001."""
     array = array_of_doubles(flat, subject)
     numbers = iter(array.reshape(-1).tolist())
     needed = sum(1 for _, t in shapes for _ in leaves(t))
@@ -123,7 +123,7 @@ def _leaf_value(t: Type, number: float) -> Value:
 
 
 def _discrete_value(t: Type, number: float) -> object:
-    """The int, bool or enum member with that number; the number itself if no value has it."""
+    """The int, bool or enum with that number, for `from_python`; else the number unchanged."""
     if not math.isfinite(number) or number != int(number):
         return number
     if isinstance(t, EnumType):
@@ -194,7 +194,7 @@ def action_space(topics: Sequence[Topic]) -> spaces.Space[Any]:
 
 
 def _box_space(bounds: Sequence[Bound], names: str) -> spaces.Box:
-    """A box of the float32 numbers in all bounds; raises SoterError U001 if a set has none."""
+    """A box of the float32 numbers in all bounds; SoterError U001 with `names` if there is none."""
     low, high = np.array([b.low for b in bounds]), np.array([b.high for b in bounds])
     least, most = _rounded_inward(low, high), _rounded_inward(high, low)
     if (least < low).any() or (most > high).any() or (least > most).any():

@@ -94,7 +94,7 @@ class LeafBuffer:
 
 @dataclass(frozen=True)
 class Roles:
-    """The indices of the agent, its module, and the plant that the caller moves, if it has one."""
+    """The indices of the agent, the module whose AC it is, and a plant that the caller moves."""
 
     agent: int
     module: int | None = None
@@ -102,7 +102,7 @@ class Roles:
 
 
 class CompiledEnvironment:
-    """A compiled system with the parts that a caller answers for, and the `soter_view` of C."""
+    """A compiled system, the parts that a caller answers for, and `soter_view` of both."""
 
     def __init__(
         self,
@@ -280,7 +280,7 @@ def loaded_driver(
 def bindings_inside(
     system: System, outside: Sequence[int], bound: Mapping[str, object]
 ) -> dict[str, object]:
-    """The bindings `bound`, and `refuse_call` for externs in `outside`, whose files stay unread."""
+    """The bindings `bound`, but `refuse_call` for externs `outside`, whose files are not read."""
     externs = [x for x in (system.components[i] for i in outside) if x.extern]
     return {**bound, **{x.name: refuse_call for x in externs}}
 
@@ -293,7 +293,7 @@ def remove_idle_check(module: Module) -> None:
 
 
 def refuse_call(*_: object) -> None:
-    """Stands for an extern that the caller answers for; it must never be called."""
+    """Takes the place of an extern that the caller answers for; it is never called."""
     raise AssertionError("an environment answers for its plant and its agent itself")
 
 

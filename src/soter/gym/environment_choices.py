@@ -77,7 +77,7 @@ def observed_parts(
 ) -> list[ObservedPart]:
     """The topics and true states called `names`; by default the agent's topics, or all states.
 
-    Raises SoterError U001 if the result would be empty.
+    Raises SoterError U001 for no names, an unknown name, or values that contain a list.
     """
     plants = [c for c in system.components if c.plant is not None]
     if names is None:

@@ -214,12 +214,12 @@ class EnvironmentGuard:
         env: gymnasium.Env[Any, Any],
         action: Any,  # noqa: ANN401 - any action
     ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Answers for the agent, then steps `env` until the agent has to answer again.
+        """Answers for the agent, and steps `env` whenever the plant is due until the agent is.
 
         C reads the arrays of the agent and of `env` in place, if it can (`act_directly` and
-        `move_directly`); other values go through Python. If a step differs from the last step only
-        in the margin, the last `info` is copied. Raises SoterError U001 before the first episode,
-        after the end of an episode, and for numbers that do not fit.
+        `move_directly`); other values go through Python. If C finds that a step differs from the
+        last one only in the margin, the last `info` is copied. Raises SoterError U001 before the
+        first episode, after the end of an episode, and for numbers that do not fit.
         """
         if self._episode_is_over:
             begun = self._last_observation is not None
@@ -265,7 +265,7 @@ class EnvironmentGuard:
         return self._last_observation, reward, ended, cut, self._wanted_info(info, env_info)
 
     def _remember_step(self, info: dict[str, Any]) -> None:
-        """Stores facts for C to compare the next step with; warns of the first unexplained step."""
+        """Keeps what C compares the next step with; warns of the first step off the model."""
         session = self.session
         self._violations_before = info["violations"]
         if info["off_model"] and not self._has_warned_off_model:
@@ -333,7 +333,7 @@ class EnvironmentGuard:
         return [n for (n, _), value in named if not array_mapping.is_finite(value)]
 
     def _note_judged_step(self, observation: Any, due: int) -> None:  # noqa: ANN401 - any observation
-        """Calls `after_judged_step` if it is set; raises SoterError U001 if `due` is NO_STATES."""
+        """Calls `after_judged_step` if set; SoterError U001 if the observation was no state."""
         if due == NO_STATES:
             raise self._no_states_error(observation)
         if self.after_judged_step is not None and self.plant_model is not None:
@@ -430,7 +430,7 @@ class EnvironmentGuard:
         return {**known, "violations": violations, "cost": 0.0}
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """Whether AC in control would publish each `Discrete` action unchanged, (n,); or U001."""
+        """Whether AC in control would publish each `Discrete` action unmoved, (n,); U001."""
         space = self.action_space
         if not isinstance(space, spaces.Discrete):
             raise wrong_choice("only a `Discrete` action space has a mask", f"it is {space}")

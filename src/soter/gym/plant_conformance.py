@@ -35,12 +35,12 @@ class Conformance:
 
     `inside`: number of steps that disturbances within their bounds explain. `used`: by disturbance,
     the largest part of its bounds that a step needed (1: a bound). `worst`: the step with the
-    largest residual, relative to its tolerance. `not_observed`: states that `observe` never gave,
-    which were not compared. `ac_share`: the share of the agent's steps in which AC had control.
-
-    By state: `residual`: the largest difference that the best disturbances leave. `undisturbed`:
-    the largest difference from the plant with all disturbances at their middles. `wrapped`: number
-    of unexplained steps that differ by about a multiple of 2 pi, as if an angle had wrapped.
+    largest residual, relative to what is tolerated. `not_observed`: states that `observe` never
+    gave, which were not compared. `ac_share`: the share of the agent's steps in which AC had
+    control; only in these it explored. By state: `residual`: the largest difference that the best
+    disturbances leave; `undisturbed`: the largest difference from the plant with every disturbance
+    at its middle; `wrapped`: number of steps that are not inside and are near a whole number of
+    turns (2 pi) off the undisturbed plant, as after an angle wrapped.
     """
 
     steps: int
@@ -94,7 +94,7 @@ class _Tally:
         self.observed = np.zeros(len(model.names), dtype=bool)
 
     def count_step(self, session_plant: SessionPlant, session: Session) -> None:
-        """Counts a judged step, which ended at the numbers `session.moved`."""
+        """Counts a step, which ended at the numbers that `session` was given."""
         left = np.abs(session_plant.residual)
         self.steps += 1
         self.observed |= session_plant.observed

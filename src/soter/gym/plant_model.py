@@ -41,7 +41,7 @@ DOUBLE = 1e-12
 
 
 class PlantModel:
-    """A compiled model of a single plant of a system."""
+    """A plant of a system, compiled alone, of which `why_no_model` gives None."""
 
     def __init__(self, system: System, plant: Component) -> None:
         assert plant.plant is not None

@@ -37,24 +37,25 @@ if TYPE_CHECKING:
 
 
 class Protected(gymnasium.Env[Any, Any]):
-    """An environment of Gymnasium with a program's module between `env` and the agent.
+    """`env` with a program's module between it and the agent.
 
-    `program`: a path or a loaded `soter.Program`. `system`: by default the program's default
-    system. `env` replaces the `plant` of the system, and the agent replaces the advanced controller
-    of `module`; both names may be omitted if only one exists. `params`: as in `simulate`.
+    `program`: a path or a loaded `soter.Program`. `system`: the one to take, by default the
+    program's default. Its `plant` becomes `env`, the advanced controller of its `module` the agent;
+    either may be left out where there is only one. `params`: as of `simulate`.
 
     `observe(observation)`: the plant's states, as an extern plant answers them (a mapping by name);
     by default the numbers of the observation in declared order. `act(action)`: the controller's
     outputs, as an extern node answers them (None: publishes nothing); by default the numbers of the
-    action. `command(**topics)`: the action for `env`; the keywords are the last names of the topics
-    that the plant reads; by default the topics' numbers. `action_space`: by default the value sets
-    of the controller's outputs.
+    action. `command(**topics)`: the action for `env` from what the plant reads, by keyword of the
+    topic's last name, as externs receive it; by default its numbers. `action_space`: by default the
+    value sets of the controller's outputs.
 
-    `measured`: whether to add the program's measurement errors to the observations, or the names of
-    the topics that get errors; by default none. `truncate_on_violation`: whether a violation ends
-    an episode. `info_keys`: the keys that `info` has, by default all; each costs time.
+    `measured`: whether the program's errors of measurement are added to what `env` shows, or the
+    names of topics on which they are; by default none is, as a sensor has errors of its own.
+    `truncate_on_violation`: whether an episode ends with a violation. `info_keys`: which keys of
+    the module `info` has, by default all; in vectors of processes each costs time.
 
-    `info`: docs/gym.md. Raises SoterError U001 for a wrong choice, and the program's errors.
+    `info`: docs/gym.md. SoterError U001 for a wrong choice, and whatever the program raises.
     """
 
     def __init__(
@@ -83,7 +84,7 @@ class Protected(gymnasium.Env[Any, Any]):
         return self.guard.reset(self.env, seed, options)
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:  # noqa: ANN401
-        """Answers for the agent, then steps `env` until the agent has to answer again."""
+        """Answers for the agent, and steps `env` whenever the plant is due until the agent is."""
         return self.guard.step(self.env, action)
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
@@ -125,7 +126,7 @@ class SafetyWrapper(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
         return self.guard.reset(self.env, seed, options)
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:  # noqa: ANN401
-        """Answers for the agent, then steps `env` until the agent has to answer again."""
+        """Answers for the agent, and steps `env` whenever the plant is due until the agent is."""
         return self.guard.step(self.env, action)
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
@@ -212,7 +213,7 @@ class _Worlds:
         self._actions = actions
 
     def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
-        """Steps every world; a world whose episode ends begins the next one at once."""
+        """Steps every world; one that ended has begun again, and its `info` has the last view."""
         seen, rewards, ended, cut, info = self.worlds.step(self._actions)
         over = ended | cut
         infos = self._info_by_world(info)
@@ -223,7 +224,7 @@ class _Worlds:
         return seen, rewards.astype(np.float32), over, infos
 
     def close(self) -> None:
-        """Does nothing, as the worlds hold no open files or windows."""
+        """Does nothing, as no world has anything open."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:  # noqa: ANN401 - theirs
         """Gives an attribute once for each chosen world; all worlds have the same value."""

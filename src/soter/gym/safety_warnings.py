@@ -66,7 +66,7 @@ def warn_of_no_control(made: CompiledEnvironment, stacklevel: int = LEVEL) -> No
 
 
 def warn_of_sc_alone(steps: int) -> None:
-    """Warns that AC never had control, so that a measurement is about SC and not the agent."""
+    """Warns of a measurement in which AC had control in none of the steps."""
     warnings.warn(
         f"AC had control in none of its {steps:,} steps: what is measured is the safe controller "
         "in this environment, not the agent",
@@ -122,7 +122,7 @@ def warn_of_unseen(names: Sequence[str]) -> None:
 
 
 def warn_of_start(module: str) -> None:
-    """Warns of an episode that begins under control of SC, so that the agent has no control."""
+    """Warns of a start at which the decision module keeps the agent from control."""
     warnings.warn(
         f"the episode starts where `ttf` of module `{module}` holds: the proof "
         "vouches for it only if the safe controller's own set contains it",

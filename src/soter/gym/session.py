@@ -191,7 +191,7 @@ class Session:
         self.start_at_values(states)
 
     def start(self, seed: int) -> None:
-        """Starts a run; the plant starts with the states that the program declares."""
+        """Starts a run, with the plant's states as the program has them."""
         for name, extern in self._bound.items():
             reset_extern(name, extern, seed)
         self._reset_state(seed)
@@ -205,11 +205,11 @@ class Session:
         return self._run_past_externs(self._go(self.outside))
 
     def act_with_numbers(self) -> int:
-        """Answers for the agent with `action`; gives the index of the next due component."""
+        """Answers for the agent with `action`, and runs until the next answer is due."""
         return self._run_past_externs(self._lib.soter_outside_act(self.outside))
 
     def move_to_numbers(self) -> int:
-        """Answers for the plant with `moved`; gives the next due index, or NO_STATES if invalid."""
+        """Answers for the plant with `moved`, and runs on; NO_STATES if these are no states."""
         due: int = self._lib.soter_outside_move(self.outside)
         return due if due < 0 else self._run_past_externs(due)
 
@@ -352,7 +352,7 @@ class Session:
 
 
 def copy_numbers(answer: object, into: npt.NDArray[np.float64], subject: str) -> int | None:
-    """Copies numbers into `into` (n,); gives their count if it is not n, else None."""
+    """Copies numbers into `into` (n,); gives their count if it is not n, else None; raises U001."""
     array = array_of_doubles(answer, subject)
     if array.shape != into.shape:
         if array.size != into.size:

@@ -112,7 +112,7 @@ class BatchedStates:
         self.begun = True
 
     def step(self, actions: Array, begin: Array) -> Array:
-        """Steps all worlds, or begins those of `begin` (count,); gives the last observations."""
+        """Steps worlds, or begins those of `begin` (count,); gives the old observations, (n, m)."""
         before = self.observations
         self._turn = 1 - self._turn
         self._begin[:] = begin
@@ -138,7 +138,7 @@ def many_worlds_environment(
     params: Mapping[str, object] | None,
     observe: tuple[str, ...] | None,
 ) -> CompiledEnvironment:
-    """Compiles a system in which a caller answers for the agent; raises SoterError U001 or U003."""
+    """Compiles a system in which a caller answers for the agent alone; SoterError U001 or U003."""
 
     def make_environment() -> CompiledEnvironment:
         flat = program.declared(system, params)
@@ -364,7 +364,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         return observations.copy() if self._copy or keep else observations
 
     def _rewards_and_ends(self, before: Array) -> tuple[Array, Array, Array]:
-        """Rewards, terminations and truncations, each (num_envs,), of the step from `before`."""
+        """Rewards, terminations and truncations, (num_envs,), of a step from `before` (n, m)."""
         worlds, n = self.worlds, self.num_envs
         facts, seen = worlds.facts, (before, worlds.applied, worlds.observations)
         rewards = (
@@ -429,7 +429,7 @@ def _checked_autoreset(
 
 
 def _last_release_ns(made: CompiledEnvironment) -> int | None:
-    """The agent's last release, or its second if later, before the system ends; None if endless."""
+    """The agent's last release up to the system's end, at least its second; None without an end."""
     agent, until = made.system.components[made.roles.agent], made.system.until_ns
     if until is None:
         return None
@@ -447,7 +447,7 @@ def _reset_mask(options: dict[str, Any] | None, count: int) -> npt.NDArray[np.bo
 
 
 def _checked_column(values: Any, count: int, name: str) -> Array:  # noqa: ANN401 - what a function gave
-    """The checked result of the user's function `name`, (count,); raises SoterError U001."""
+    """The result of the user's function `name`, one number a world, (count,); SoterError U001."""
     column = np.asarray(values)
     if column.shape != (count,):
         raise wrong_choice(f"`{name}` gave the shape {column.shape}, not {(count,)}")

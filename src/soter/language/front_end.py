@@ -217,7 +217,7 @@ def _flatten_all(
     *,
     draft: bool,
 ) -> dict[str, System]:
-    """Gives name -> flat system, if without errors; reports M007 if their sum is too large."""
+    """Gives name -> flat system, for those without errors; M007 if all are too large together."""
     components, flat_by_name = 0, {}
     for name, system in systems.items():
         flat = _flatten_and_check(program, system, overrides, diagnostics, draft=draft)
@@ -273,7 +273,7 @@ def _deployed_system(
 def _check_unplaced_declarations(
     program: TypedProgram, systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics
 ) -> None:
-    """Checks numbers of the main file's declarations that are in no system, with default values."""
+    """Checks numbers of declarations of the main file that no system has, by default parameters."""
     placed = _placed_symbols([*systems.values(), *(t.system for t in program.tests.values())])
     instances = tuple(
         InstanceSymbol(s.name, s, {}, {}, s.span) for s in _unplaced_symbols(program, placed)
@@ -309,7 +309,7 @@ def _placed_symbols(systems: list[SystemSymbol]) -> set[object]:
 def _unplaced_symbols(
     program: TypedProgram, placed: set[object]
 ) -> Iterator[PlantSymbol | ModuleSymbol | NodeSymbol]:
-    """Yields declarations of the main file that are neither in a system nor in such a module."""
+    """Yields declarations of the main file that are in no system and in none of their modules."""
     rest = [
         s
         for table in (program.plants, program.modules, program.nodes)
@@ -340,7 +340,7 @@ def system_of(
     *,
     exact: bool = True,
 ) -> System:
-    """Gives the flat system to run; raises SoterError if no system fits, or if it has errors.
+    """Gives the flat system to run; raises SoterError if none has this name, or if it has errors.
 
     With `exact`, a parameter of an instance that the system does not have is an error (U004);
     otherwise it may belong to another system.

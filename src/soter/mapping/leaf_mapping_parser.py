@@ -90,7 +90,7 @@ def _is_list_of_three_names(value: object) -> TypeGuard[list[str]]:
 
 
 class LeafReader:
-    """Reads the `fields` of a topic, and turns vectors by `turn` into the program's frame."""
+    """Reads `fields` of a topic. `turn`: into the program's frame; `vectors`: their field names."""
 
     def __init__(
         self,
@@ -254,7 +254,7 @@ class LeafReader:
         return unit
 
     def _field_unit(self, name: str, t: Type, field: str) -> str | None:
-        """Gives the standard unit of a field or None; notes a field that is missing or unfit."""
+        """Gives the standard unit of a field, None without one; notes a missing or unfit field."""
         if self.message is None:
             return None
         try:
@@ -271,7 +271,7 @@ class LeafReader:
     def _unit_factor(
         self, name: str, t: Type, field: str, unit: str | None, standard: str | None
     ) -> float:
-        """Gives the factor from the field's unit to the program's; 1 if no factor is known."""
+        """Gives the factor from the field's unit to the program's; 1 if one is missing or wrong."""
         if unit is not None and standard is not None and unit != standard:
             assert self.message is not None
             text = f"`{field}` of {self.message.ros1} is in `{standard}`"

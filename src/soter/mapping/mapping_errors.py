@@ -51,7 +51,7 @@ class MappingProblems:
         self.mistakes.append(text)
 
     def table(self, row: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
-        """Gives the table under a key; {} if the key is missing. Notes a value that is no table."""
+        """Gives the table under a key; {} if the key is missing, or is no table, which it notes."""
         table = row.get(key, {})
         if not isinstance(table, dict):
             self.add(f"`{key}` of {where} is no table")
@@ -63,7 +63,7 @@ class MappingProblems:
         return {k: str(v) for k, v in self.table(row, key, where).items()}
 
     def text(self, row: Mapping[str, Any], key: str, where: str) -> str | None:
-        """Gives the text under a key; None if the key is missing. Notes a value that is no text."""
+        """Gives the text under a key; None if the key is missing, or no text, which it notes."""
         text = row.get(key)
         if text is not None and not isinstance(text, str):
             self.add(f"`{key}` of {where} is no name: {text!r}")

@@ -84,8 +84,8 @@ def make_log_map(
 ) -> LogMap:
     """Gives the checked records of a mapping for a system, with the conditions `where` added.
 
-    `file` is the mapping's file; its `messages` are relative to this folder. Raises SoterError D015
-    for mistakes; raises D007 if it names ROS types and the package that knows them is missing.
+    `file` is the mapping's file, from whose folder it finds its `messages`. Raises SoterError D015
+    for mistakes, D007 if it names ROS types and the package that knows them is missing.
     """
     reading = _MappingReader(system, Path() if file is None else file.parent)
     log_map = reading.read_log_map(table)
@@ -103,7 +103,7 @@ def _type_names(topics: Mapping[str, Any]) -> list[object]:
 
 
 def _with_link_delay(topic_map: TopicMap, link: MavlinkLink | None) -> TopicMap:
-    """Gives a topic the link's delay if its messages are MAVLink messages without a stamp."""
+    """Gives a topic with the link's delay if its messages are of MAVLink and have no stamp."""
     if (
         link is None
         or topic_map.stamp is not None

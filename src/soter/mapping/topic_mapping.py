@@ -47,12 +47,12 @@ class SourcePromise:
 
     @property
     def own_age_max_ns(self) -> int:
-        """Gives the greatest age of the source's newest sample: `every_ns` + `delayed_ns`."""
+        """Gives the greatest age of its newest sample while it works: `every_ns` + `delayed_ns`."""
         return self.every_ns + self.delayed_ns
 
     @property
     def age_max_ns(self) -> int:
-        """Gives the greatest age of the topic while this source works and all others fail."""
+        """Gives the greatest age of the topic while this source works, even if no other does."""
         return self.after_ns + self.own_age_max_ns
 
 
@@ -192,7 +192,7 @@ class TopicMap:
 
     @property
     def assumed_units(self) -> list[str]:
-        """Gives a text for each leaf whose unit is assumed, since nothing names the unit."""
+        """Gives a text for each leaf whose unit is assumed: neither field nor mapping names one."""
         return [
             f"`{self.leaf_name(p)}` in `{x.assumed_unit}`"
             for p, x in self.leaves.items()

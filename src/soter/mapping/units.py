@@ -84,7 +84,7 @@ def full_turn(unit: str | None, declared: str) -> float:
 
 
 def _covariance_units(field: str, linear: str, mixed: str, angular: str) -> dict[str, str]:
-    """Maps elements of a 6 x 6 covariance (3 linear axes, then 3 angular) to their units."""
+    """Gives the unit of each element of a row-major 6 x 6 covariance: 3 linear, 3 angular axes."""
     units = (linear, mixed, angular)
     return {f"{field}.{6 * i + j}": units[i // 3 + j // 3] for i in range(6) for j in range(6)}
 

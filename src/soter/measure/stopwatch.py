@@ -135,9 +135,9 @@ GRAIN_NS = 1_000
 
 @dataclass(frozen=True)
 class StepTimes:
-    """The step times of one component in ns, from `samples` steps, of which `faulted` faulted.
+    """One component: percentiles and the longest of `samples` steps, in ns; how many faulted.
 
-    `wcet_ns` is a suggestion: the longest time multiplied by a margin, in full microseconds.
+    `wcet_ns`: the longest time multiplied by the margin, in whole microseconds, as a suggestion.
     """
 
     name: str

@@ -86,7 +86,7 @@ def slope_errors(times_s: Floats, values: Floats, window_s: float, derivatives: 
 
 
 def line_errors(times_s: Floats, values: Floats, gap_s: float) -> Floats:
-    """Distances of samples from the line through the two before, (m,); times_s, values: (n,)."""
+    """Distances (m,) of `values` (n,) from the line through the two before, all within `gap_s`."""
     if len(times_s) < LEAST:
         return np.zeros(0)
     steps = np.diff(times_s)

@@ -107,7 +107,7 @@ class Identification:
 
     @property
     def rate(self) -> float:
-        """1/(N+1): the greatest probability that a new episode, drawn alike, has an alarm."""
+        """1/(N+1): the greatest probability that a new episode, drawn alike, is not explained."""
         return 1 / (self.held_out + 1)
 
     @property
@@ -169,7 +169,7 @@ def open_parameters(
 ) -> list[OpenParameter]:
     """The parameters that plants, bounds or errors depend on, with `bound` set for bounds.
 
-    `named`: the user asked for each of them. Raises SoterError U001 if nothing depends on one.
+    `named`: each was asked for, so one that nothing depends on is an error. SoterError U001.
     """
     start = {p.name: p.start for p in declared}
     found = [(p, _classified_parameter(pose, p, start)) for p in declared]
@@ -265,7 +265,7 @@ class _Fit:
     def fitted_model(
         self, start: Mapping[str, float], training: Sequence[Episode], without: Sequence[str] = ()
     ) -> tuple[dict[str, float], list[str]]:
-        """The least-squares parameters of the model, and names of those that stay undetermined."""
+        """The least-squares parameters of the model, and those that offsets do not determine."""
         free = [p for n, p in self.known.items() if not p.bound and n not in without]
         start = {**start, **{n: self.known[n].start for n in without}}
         if not free:

@@ -59,23 +59,23 @@ class NearestMargin:
 
 @dataclass
 class ModuleOfLog:
-    """The decisions that one module's DM would have made on the reads of a log.
+    """What one module's DM would have decided on the reads of a log.
 
     `missing`: topics without which nothing can be decided; all else is then empty. `unheard`:
-    topics of the acknowledgement that the log does not have. Counts of the DM's steps: `waiting`
-    before all its reads had come, `steps` after that. Of these, a read was too old in `stale`, and
-    none in `fresh`; `ttf`, `safer` and `nan_looks` (one of the two compared a NaN) count fresh
-    steps. In `silent` steps the DM's reads were young enough, but not the reads of nodes before the
-    DM, or a measured topic without `max_age` had fallen silent. `last_heard`: the last measurement,
-    in s, of each topic that fell silent for good. `safe` was asked in `asked` steps, whose reads
-    for it were young enough; in `judged_steps` of these, the DM's reads were too; in `outside` it
-    did not hold. `outside_late`: how often it did not hold of samples that came too late, were
-    refused by the gate, or were read by no step. `faults`: of predicates. `beyond_s`: for how long
-    the file continues after the last chosen row. `damage`: the damage at which judging ended.
-    `margin` and `clearance`: the least distance of `ttf` from holding, and of `safe` from failing;
-    None if nothing was read, or if `blind` names topics of `safe` that the log does not have.
-    `bounds`: the least distance of each comparison of `ttf`. `span`: the module's declaration.
-    `times`: the values that `safe` compared.
+    topics that let the DM give control back and that the log does not have. Numbers of the DM's
+    steps: `waiting` before all its reads had come, `steps` after that. Of these a read was too old
+    in `stale`, and in `fresh` none; `ttf`, `safer` and `nan_looks` (one of the two compared a NaN)
+    count fresh steps. In `silent` steps the reads were young enough, but not those of nodes before
+    the DM, or a measured topic without `max_age` had fallen silent. `last_heard`: the last
+    measurement, in s, of each topic that fell silent for good. `safe` was asked in `asked` steps,
+    whose reads for it were young enough; in `judged_steps` of these the DM's were, too; in
+    `outside` it did not hold. `outside_late`: the times that it did not hold of samples that came
+    too late, that the gate refused, or that no step read. `faults`: of predicates. `beyond_s`: how
+    long the file goes on after the last chosen row. `damage`: the damage at which judging ended.
+    `margin`: the least distance of `ttf` from holding. `clearance`: that of `safe` from failing.
+    Each is None if nothing was read, or for `safe` if `blind` names topics that it reads and the
+    log does not have. `bounds`: the least distance of each comparison of `ttf`. `span`: where the
+    module is declared. `times`: what `safe` compared.
     """
 
     module: str

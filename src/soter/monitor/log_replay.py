@@ -269,7 +269,7 @@ class _LogState:
             self.c = environment_input(self.machine, self.c, topic.index, value, time_ns)
 
     def _ask_safe_of_sample(self, c: Configuration, topic: int, modules: set[int]) -> None:
-        """Asks `safe` of these modules about a sample that no step of a DM reads."""
+        """Asks `safe` of these modules about a sample that no step of their DMs reads."""
         for m in modules:
             if topic in self.safe_topics[m] and all(
                 c.stamps[i] != NEVER for i in self.safe_topics[m]
@@ -319,7 +319,7 @@ class _LogState:
 
 
 def _publishing_component(system: System, topic: int) -> int:
-    """The index of the component that publishes a mapped topic in flight; -1 for an input."""
+    """The component that publishes a mapped topic in flight; -1 for an input, which comes first."""
     for c in system.components:
         if topic in c.writes:
             return c.index

@@ -107,10 +107,10 @@ class Numbers:
 class Channel:
     """A summary of the messages of a channel.
 
-    `late_ns`: how long after its stamp each message was logged; -1 without a stamp in the log's
-    clock. `masks`: the sets of fields (a bit per field) with numbers in one message; `held`: the
-    index of each message's set. `back`: how often time goes back; `first_back_ns`: to when, the
-    first time. `typed`: the file gives types to its numbers, unlike CSV and JSON.
+    `late_ns`: how long after its stamp each message was logged; -1: no stamp in the log's clock.
+    `masks`: an index for each set of fields (a bit a field) that had numbers in one message;
+    `held`: the index of each message's set. `back`: how often time goes back; `first_back_ns`: to
+    when at first. `typed`: whether the file gives types to its numbers; CSV and JSON do not.
     """
 
     times_ns: array[int] = field(default_factory=lambda: array("q"))
@@ -189,7 +189,7 @@ class Channel:
         return sorted(b - a + late for (a, late), (b, _) in pairwise(self.taken_samples) if b >= a)
 
     def proposed_max_age_ns(self) -> int:
-        """The drafted `max_age`: two periods, or the age of 99 % of the samples; 0 if aperiodic."""
+        """The drafted `max_age`: two periods or the age of 99 % of the samples; 0: no period."""
         ages, gaps = self.sorted_ages_ns(), self.sorted_gaps_ns()
         if not gaps or median(gaps) <= 0:
             return 0
@@ -233,7 +233,7 @@ def _log_rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrive
 
 
 def _csv_rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
-    """The rows of a CSV; the first column with a name for times is the time."""
+    """The rows of a CSV; its time is the first column with a name of times, in a unit that fits."""
     head = csv_column_names(path)
     called = next((m for name in head if (m := TIME_COLUMN.fullmatch(name))), None)
     if called is None:

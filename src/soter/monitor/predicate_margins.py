@@ -34,7 +34,7 @@ COMPARED = ("<", "<=", ">", ">=")
 
 
 class Distance(NamedTuple):
-    """A predicate's distance from changing; `bound` is the comparison's index or -1."""
+    """A predicate's distance from changing; `bound`: its comparison's index in `bounds`, or -1."""
 
     far: float
     bound: int
@@ -57,11 +57,11 @@ ROOT = PredicatePosition()
 
 
 class PredicateMargins:
-    """The distances of the predicates of one scope, compiled once.
+    """Margins of the predicates of one scope, compiled once.
 
-    `bounds`: every comparison as written, and the calls that lead to it. `sides`: for each bound,
-    the last compared value, and the band in which it should lie. `seen`: for each bound, its last
-    distance times its `sense`.
+    `bounds`: every comparison as it is written, and the calls that led there. `sides`: for each
+    bound the value last compared, and the band in which it should lie. `seen`: for each bound its
+    last distance, times its `sense`.
     """
 
     def __init__(self, evaluator: Evaluator) -> None:
@@ -190,7 +190,7 @@ class PredicateMargins:
     def _compiled_block(
         self, statements: tuple[t.TypedStmt, ...], at: PredicatePosition
     ) -> Callable[[Environment, list[Distance]], Distance | None]:
-        """Compiles statements to a function that gives the returned distance and its conditions."""
+        """Compiles statements to a function that gives what they return and collects conditions."""
         steps = [self._compiled_statement(s, at) for s in statements]
 
         def run(env: Environment, way: list[Distance]) -> Distance | None:
@@ -272,7 +272,7 @@ def _negated_distance(d: Distance) -> Distance:
 
 
 def _returned_distance(way: list[Distance], distance: Distance) -> Distance:
-    """The distance of a returned value, at most that of the conditions that led to the return."""
+    """The distance of a returned value, cut to the nearest condition that led to it."""
     nearest = min([*way, distance], key=lambda d: abs(d.far))
     return Distance(math.copysign(abs(nearest.far), distance.far), nearest.bound)
 

@@ -136,7 +136,7 @@ def _command_comments(channel: str, path: str, taken: set[str]) -> list[str]:
 
 
 def _remarks_on_channel(found: Channel) -> list[str]:
-    """Comments on the left-out parts of a channel, and on those `soter monitor` cannot read."""
+    """Comments on what is left out of a channel, and on what `soter monitor` will not read."""
     lines = []
     no_number = found.left_out | {p for p, n in found.fields.items() if not n.count}
     if no_number:

@@ -38,11 +38,11 @@ class Dependencies:
 
 @dataclass
 class TopicsHeard:
-    """The greatest ages of a log's topics, and whether nodes read values that are young enough.
+    """The limits of the ages of a log's topics, and whether nodes read young enough values.
 
-    `most_ns`: for each topic, the greatest age at which a read can be judged; `silent_ns`: the age
-    beyond which a topic counts as silent. `sound`: for each node, whether all topics of the log
-    that it reads directly were young enough at its last step.
+    `most_ns`: for each topic of the log, the greatest age at which a read can be judged;
+    `silent_ns`: the age beyond which the topic counts as silent. `sound`: for each node, whether
+    all topics of the log that it reads itself were young enough at its last step.
     """
 
     system: System

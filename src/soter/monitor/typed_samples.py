@@ -70,14 +70,14 @@ class DerivedValue:
 
 @dataclass
 class TopicSamples:
-    """The samples of one topic: `values[i]` came at `times_ns[i]`; a constant has no times.
+    """The samples of one topic: `values[i]` came at `times_ns[i]`; without times, a constant.
 
-    `stamps_ns[i]`: when it was measured, by the field `stamp`, or by the declared delay. `log_ns`:
-    begin and end of the log. `reasons`: why rows gave no sample, with the number of rows and the
-    first row; reasons are equal if they differ only after a number. `sources`: the number of
-    samples from each source. `assumed_units`: as in `TopicMap`. `turns`: the full turn of each
-    leaf, infinite if it is no angle; `begins`: the least angle of each leaf, for lines. `clipped`:
-    in words, how many samples were clipped.
+    `stamps_ns[i]`: when it was measured, by the field `stamp`, or the declared delay before it
+    came. `log_ns`: when the whole log begins and ends. `reasons`: why rows gave no sample, with the
+    number of rows and the first; reasons are one if they differ only after a number. `sources`: how
+    many samples each of several sources gave. `assumed_units`: as in `TopicMap`. `turns`: the turn
+    of each leaf, infinite if it is no angle; `begins`: the least angle of each, for lines.
+    `clipped`: how many samples were clipped, in words.
     """
 
     topic: Topic
@@ -351,7 +351,7 @@ def _row_values(
 
 
 def _why_other_frame(t: TopicMap, columns: Columns, i: int) -> str:
-    """The reason, in words, why a row's frame is not the mapping's; "" if it is the same."""
+    """The reason, in words, why a row has another frame than the mapping takes; else ""."""
     if t.frame_id is None:
         return ""
     frame = columns.cells[HEADER_FRAME][i]

@@ -87,7 +87,7 @@ def cached_folder(
 
 
 def find_cached(name: str, content: str, files: tuple[str, ...]) -> Path | None:
-    """The cache's folder with `files`, or None; raises X006 if others may write to the folder."""
+    """The cache's folder with `files`, else None; SoterError X006 if others may write to it."""
     folder = cache_dir()
     _refuse_a_folder_of_others(folder)
     entry = _entry_folder(folder, name, content)
@@ -383,9 +383,9 @@ FILES_MAX = 1000
 
 
 def included_files(*sources: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path, str]:
-    """The text, by path, of C files and all files that they include in quotes; may raise X003.
+    """The text of C files and of all that they include in quotes, by path; X003 if unreadable.
 
-    Headers are looked for in the folder of the including file, then in `folders`.
+    `folders`: where headers are looked for besides the folder of the file that includes them.
     """
     waiting, text_by_path = [Path(s).resolve() for s in sources], dict[Path, str]()
     while waiting and len(text_by_path) < FILES_MAX:

@@ -160,7 +160,7 @@ def processor_flags(cpuinfo: str) -> tuple[str, ...]:
 
 @cache
 def vector_flags() -> tuple[str, ...]:
-    """The compiler flags for this machine's vector instructions; () if none are known."""
+    """The compiler flags for this machine's vectors; () if it has none, or none is known."""
     if platform.machine() not in {"x86_64", "AMD64"} or not CPU.exists():
         return ()
     return processor_flags(CPU.read_text(encoding="utf-8", errors="replace"))
@@ -278,7 +278,7 @@ def compile_with(
     helps: tuple[str, ...] = (DEFECT,),
     telling: tuple[str, ...] = (),
 ) -> None:
-    """Runs a compiler in `work`; if it fails, SoterError X004 shows its lines with `telling`."""
+    """Runs a compiler in `work`; SoterError X004 with its lines (those with `telling` if any)."""
     with passing_phase("compiling"):
         done = run_compiler(command, work, TIMEOUT_S)
     if done.code == 0:

@@ -44,7 +44,7 @@ class FilePolicy:
 
 
 class PolicyFiles(Protocol):
-    """The functions that the add-on for learned policies offers to bindings."""
+    """The functions of the add-on for learned policies that a binding to a policy needs."""
 
     def sha256_of_files(self, binding: BindingText) -> dict[str, str]:
         """The SHA-256 of each file of a binding, and of files named in them; raises X003, X014."""
@@ -97,7 +97,7 @@ class Extern:
 
 @dataclass(eq=False)
 class Bindings:
-    """The externs of a system with their bindings, and the lowered system for calls of C."""
+    """The externs of a system with their bindings, and the lowered system that calls their C."""
 
     system: System
     core: CoreSystem
@@ -188,7 +188,7 @@ def read_externs(externs: Iterable[Extern], read: Callable[[Extern], object]) ->
 
 
 def bindings_with_objects(bindings: Bindings, targets: Mapping[str, object]) -> Bindings:
-    """A copy of the bindings in which the externs named in `targets` have other objects."""
+    """A copy of bindings, in which `targets` replace the bound objects of these names."""
     externs = [replace(x) for x in bindings.externs]
     _assign_targets(externs, targets)
     return Bindings(bindings.system, bindings.core, externs)
@@ -279,7 +279,7 @@ def _no_extern_error(system: System, externs: list[Extern], name: str) -> Diagno
 
 
 def _own_code_error(system: System, name: str) -> Diagnostic | None:
-    """The error U005 for a component that is no extern; None if no such component has the name."""
+    """The error U005 for the name of a component with own code; None if none has the name."""
     for x in system.components:
         symbol = x.node or x.plant
         if symbol is not None and name in (x.name, x.name.rpartition(".")[2], symbol.name):

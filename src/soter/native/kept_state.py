@@ -71,12 +71,12 @@ def library_copy(path: Path) -> Iterator[Path]:
 
 
 def why_it_keeps_state(unit: Unit) -> str:
-    """The reason why C of a unit's externs may keep state between calls, or ""; raises X004."""
+    """Why the C of a unit's externs may keep state between calls, "" if it cannot; X004."""
     return _examined_text(unit, KEEPS)
 
 
 def why_input_is_unknown(unit: Unit) -> str:
-    """The reason why the input files of the externs' C are not all known, or ""; raises X004."""
+    """Why it is unknown which files the C of externs depends on, "" if it is known; X004."""
     return _examined_text(unit, UNKNOWN)
 
 
@@ -110,7 +110,7 @@ def _examined_text(unit: Unit, file_name: str) -> str:
 
 
 def _why_unknown(rule: str, work: Path, sources: Iterable[str]) -> str:
-    """The reason why `included_files` misses a file that the make rule `rule` has, or ""."""
+    """Why `included_files` misses a file in the compiler's make rule `rule`; "" if it has all."""
     known = included_files(*sources, folders=(RUNTIME, NEVER_SHIPPED))
     for when in (m[0] for text in known.values() for m in WHEN.finditer(text)):
         return f"it says when it was compiled (`{when}`)"
@@ -125,7 +125,7 @@ def _why_unknown(rule: str, work: Path, sources: Iterable[str]) -> str:
 
 
 def _why_it_reads_outside(objects: list[bytes]) -> str:
-    """The reason why objects may read files, clocks, the environment or other libraries, or ""."""
+    """Why objects may read files, clocks, the environment or other libraries; "" if they cannot."""
     if any(data[:6] != ELF for data in objects):
         return "the compiler's objects cannot be looked into"
     symbols = [x for data in objects for x in _symbols(data)]

@@ -60,9 +60,9 @@ class StackGraph:
 
 @dataclass(frozen=True)
 class StackBound:
-    """The most stack in `bytes`, or None and the reason `why`; `way` is the costliest call path.
+    """The most stack in `bytes`, or None and `why`; `way`: the costliest path, outermost first.
 
-    `not_counted`: called functions whose stack has to be added.
+    `not_counted`: called functions whose own stack has to be added.
     """
 
     bytes: int | None

@@ -98,7 +98,7 @@ def _static_variables(policy: Policy, frame: int) -> Iterator[str]:
 
 
 def _observation_code(policy: Policy, sources: Sequence[str], rows: int) -> list[str]:
-    """The C code for the observation: it moves older frames back, and reads a new frame."""
+    """The C that makes the observation: older frames move down, a new one is read."""
     inputs, frame, row = policy.network.inputs, len(sources), len(sources) // rows
     places = np.arange(inputs).reshape(rows, -1)[:, -row:].ravel().tolist()
     lines = [f"float x0[{inputs}];"]

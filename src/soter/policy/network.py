@@ -154,14 +154,15 @@ class Network:
 
 @dataclass(frozen=True)
 class Policy:
-    """The content of a file with a policy.
+    """What a file says of a policy.
 
-    `facts`: facts that were read, as name and words. `assumed`: facts that are assumed because no
-    file states them. `per_frame`: the layer that scales each frame before stacking. `box`: the
-    least and the largest observation, (inputs,) each, if finite. `keys`: for observations by name,
-    the names in the network's order, and how many numbers each has. `beside`: a file that was read
-    without being named. `shapes`: for Box observations, the axes by name; "" is a single one's
-    name. `acted`: the axes of an answer that is a Box or an ONNX array, else ().
+    `facts`: what was read, as name and words. `assumed`: what is assumed as no file says it.
+    `per_frame`: the layer that scales each frame before they are stacked. `box`: the least and the
+    largest observation, (inputs,) each, where the file says finite ones. `keys`: of observations by
+    name, the names in the order in which the network takes them, and how many numbers each has.
+    `beside`: a file that was read though nobody named it. `shapes`: of observations that are a Box,
+    by name, the axes of each; "" is the name of a single one. `acted`: the axes of an answer that
+    is a Box or an array of ONNX, else ().
     """
 
     path: str
@@ -291,7 +292,7 @@ def _zeros_and_one(size: int) -> Floats:
 
 
 def _elementwise_steps(layer: Layer, x: Floats, out: Floats) -> list[Callable[[], object]]:
-    """The steps of a layer that computes each number from the one number at the same place."""
+    """The steps of a layer that makes each number of one number of its input."""
     if isinstance(layer, Tanh):
         return [partial(np.tanh, x, out=out)]
     if isinstance(layer, Relu):

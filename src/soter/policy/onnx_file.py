@@ -114,7 +114,7 @@ def parse_model(path: Path, data: bytes) -> Any:  # noqa: ANN401 - no types
 
 
 def _messages_of_kind(message: Any, kind: str) -> Iterator[Any]:  # noqa: ANN401
-    """Yields every message of a kind inside another message, also in its graphs and functions."""
+    """Yields every message of a kind inside one: in graphs, their operators, functions."""
     if message.DESCRIPTOR.name == kind:
         yield message
     for field, value in message.ListFields():

@@ -47,9 +47,9 @@ OTHER_START = (
 
 
 class PolicyExtern(FilePolicy):
-    """A policy that answers an extern node; its making raises SoterError X003, X014, D007.
+    """A policy that answers an extern node; making it raises SoterError X003, X014, D007.
 
-    `assumed` are facts that are assumed because no file states them.
+    `assumed`: facts that are assumed because no file states them.
     """
 
     def __init__(self, binding: BindingText, reads: Shapes, answers: Shapes) -> None:
@@ -112,13 +112,14 @@ def _joined_numbers(reads: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - numbers a
 
 
 class _LoadedNetwork(NamedTuple):
-    """The network of a file, ready for use, and the form of its answers.
+    """The network of a file, ready to be asked, and how it answers.
 
-    `observation`: the array for the caller to write the observation to, (numbers,). `run` gives the
-    answer, `outputs` numbers; `forget` clears all memory between answers. `assumed`: facts that no
-    file states. `whole_numbers`: the answers are indices. `keys`: for observations by name, each
-    name in order and its count of numbers. `shapes`, `acted`: as in `Policy`. `per_frame`: the
-    layer, if any, that scales each frame before stacking.
+    `observation`: where the caller writes what the network observes, (numbers,). `run` gives the
+    answer to it, `outputs` numbers; `forget` clears what the network remembers between answers.
+    `assumed`: what is assumed as the file does not say it. `whole_numbers`: whether its answers are
+    indices. `keys`: of observations by name, each name in order and how many numbers it has.
+    `shapes`, `acted`: as in `Policy`. `per_frame`: the layer that scales each frame before frames
+    are stacked, if there is one.
     """
 
     observation: npt.NDArray[Any]

@@ -294,7 +294,7 @@ def _linear_layer(path: Path, name: str, weights: Tensors) -> Affine:
 def _batch_renorm_layers(
     path: Path, name: str, weights: Tensors, epsilon: float
 ) -> Iterator[Layer]:
-    """Yields the layers that act like a trained `BatchRenorm`."""
+    """Yields the layers that do what a `BatchRenorm` does in use, not in training."""
     parts = _named_tensors(
         path, weights, [f"{name}.{k}" for k in ("ra_mean", "ra_var", "scale", "bias")]
     )

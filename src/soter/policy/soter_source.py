@@ -177,7 +177,7 @@ def _elementwise_error(layer: Elementwise, x: _Numbers) -> _Numbers:
 
 
 def _standardised_error(layer: Standardised, x: _Numbers) -> _Numbers:
-    """The errors of a layer that both compute in float64; float32 rounds its input and output."""
+    """The errors of a layer that both compute in float64; one begins and ends in float32."""
     deviation, limit = layer.deviation, layer.limit
     error = []
     for before in (x.single, x.double):

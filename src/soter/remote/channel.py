@@ -51,7 +51,7 @@ def compiled_library() -> tuple[Any, Any]:
 
 
 class Channel:
-    """The open file of a topic; with `writes` as its only writer, and closed in forked children."""
+    """The open file of a topic. `writes`: open it as its only writer; a forked child closes it."""
 
     def __init__(self, folder: Path, name: str, number: int, size: int, *, writes: bool) -> None:
         self._c: Any = None

@@ -132,7 +132,7 @@ class Declared(Protocol):
     """The systems of a program, as `soter.load` gives them."""
 
     def declared(self, system: str | None = None) -> System:
-        """The system with this name (None: the default); raises SoterError if it does not exist."""
+        """A system of the program; SoterError where there is none."""
 
 
 def channels_document(program: str | Path | Declared, system: str | None) -> dict[str, object]:

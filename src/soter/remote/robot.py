@@ -69,7 +69,7 @@ SECOND_NS = 10**9
 
 @dataclass(frozen=True)
 class Chunk:
-    """Actions as bytes, for equal slots of time from `start_ns`; `measured_ns` is their stamp."""
+    """Actions as bytes, one for each slot of time from `start_ns`; `measured_ns`: their stamp."""
 
     images: Sequence[bytes]
     start_ns: int
@@ -97,7 +97,7 @@ class _Playing:
 
 
 class Player:
-    """Writes the actions of each topic's chunk; the first chunk starts a thread for it."""
+    """Writes the actions of a chunk for each topic; the first chunk starts a thread for that."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self._clock = clock
@@ -125,7 +125,7 @@ class Player:
             write()
 
     def write_due_actions(self, now_ns: int) -> int | None:
-        """Writes the actions that are due; gives the time of the next action, or None."""
+        """Writes the actions that are due; gives the time of the next one, None if none is left."""
         with self._changed:
             for topic, p in list(self._playing.items()):
                 k = p.chunk.slot(now_ns)

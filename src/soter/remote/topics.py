@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic with a channel; `number` identifies its layout; `writable`: users may write it.
+    """A topic with a channel. `number`: of its layout; `writable`: others than the robot write it.
 
     `ends`: the least and the greatest value of each leaf, in order; None for a leaf without bounds.
     """
@@ -95,7 +95,7 @@ class Topics:
         return found
 
     def writable_topic(self, name: str) -> Topic:
-        """The topic with this name that users may write; raises U001 if it does not exist."""
+        """The topic of this name that others may write; SoterError U001 if there is none."""
         topic = self.topic_named(name)
         if not topic.writable:
             open_ = _topic_list([t for t in self.all if t.writable])
@@ -109,14 +109,14 @@ def _topic_list(topics: Sequence[Topic]) -> str:
 
 
 def _only_element(value: object) -> object:
-    """The only element of a list or array of length 1; any other value unchanged."""
+    """The only element of a list or array of one, as networks answer; other values unchanged."""
     if hasattr(value, "tolist") and hasattr(value, "ndim"):
         value = cast("Any", value).tolist()
     return value[0] if isinstance(value, (list, tuple)) and len(value) == 1 else value
 
 
 class _Fitting:
-    """Checks that values are in a topic's set, else U012; `clip` moves numbers into the set."""
+    """Checks that values are in a topic's set, else U012. `clip`: moves numbers to its ends."""
 
     def __init__(self, ends: Sequence[Ends], *, clip: bool) -> None:
         self._ends = iter(ends)

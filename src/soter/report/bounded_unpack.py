@@ -25,7 +25,7 @@ class TooLargeError(ValueError):
 
 
 class BoundedUnpacking:
-    """Unpacks parts of a file of `size` bytes; raises TooLargeError, or errors of the packages."""
+    """Unpacks chunks of a file of `size` bytes; TooLargeError, or errors of the packages."""
 
     def __init__(self, size: int) -> None:
         self.left = max(UNPACKED_MIN, UNPACKED_RATIO * size)
@@ -69,7 +69,7 @@ def _unpacked_pieces(unpacker: Any, packed: bytes) -> Iterator[bytes]:  # noqa: 
 
 
 def _joined_pieces(unpacked: Iterable[bytes]) -> bytes:
-    """Joins the pieces of a chunk; raises TooLargeError if they exceed `CHUNK_MAX` bytes."""
+    """The pieces of a chunk as one; TooLargeError as soon as they exceed `CHUNK_MAX` bytes."""
     parts, size = [], 0
     for part in unpacked:
         size += len(part)

@@ -32,7 +32,7 @@ ROOM, APART = 0.08, 14
 
 @dataclass
 class JudgedCurve:
-    """A compared value; `columns` has, by column, its least and greatest value and the band."""
+    """A compared value. `columns`: by column, its least and greatest value and the band's ends."""
 
     columns: dict[int, tuple[float, float, float, float]] = field(default_factory=dict)
     outside: int = 0
@@ -41,7 +41,7 @@ class JudgedCurve:
 
 @dataclass
 class JudgedTimes:
-    """Curves and alarms by column; `changes`: the times at which "AC" or "SC" took control."""
+    """Curves and alarms, by column; `changes`: when "AC" or "SC" took control, or began."""
 
     begin_s: float
     end_s: float

@@ -141,7 +141,7 @@ class LogChannel:
 
 @dataclass(frozen=True)
 class ModeRecord:
-    """Records that `module` is in `mode` from `time_ns` on; each module's start has a record."""
+    """The fact that `module` is in `mode` from `time_ns` on; each module has one at the start."""
 
     time_ns: int
     module: str
@@ -150,13 +150,13 @@ class ModeRecord:
 
 @dataclass(frozen=True)
 class DecisionStep:
-    """One step of the DM of `module` at `time_ns`, with the modes before and after it.
+    """A step of the DM of `module` at `time_ns`, with what it saw; the modes may be equal.
 
-    `why`: one phrase for each value that decided, if the decision differs from that of the step
-    before. `margin_s`: how long AC surely keeps control. `reads`: for a module with `rest`, the
-    `value` and `age_ns` of each topic as the DM read it (None: never published). `plan`: the node
-    that SC follows from then on, if the module has several plans. `look`: how many ns of real time
-    after its release the step began, and after how many it ended.
+    `why`: the values that decided, one phrase each, if the decision differs from that of the step
+    before; `margin_s`: how long AC surely keeps control. `reads`: for a module with `rest`, topic
+    -> `value` and `age_ns` as read (None: never published). `plan`: of several plans the node that
+    SC follows from then on. `look`: in real time, how long after its release the step began, and
+    ended, in ns.
     """
 
     time_ns: int
@@ -276,7 +276,7 @@ class McapLog:
             self._stream.flush()
 
     def close(self, end: Mapping[str, str] | None = None) -> Path:
-        """Writes `end` as metadata, finishes the file and moves it to its final path."""
+        """Writes how the run ended as metadata, finishes the file and gives it its path."""
         with self.dropped_on_error():
             if end is not None:
                 self._writer.add_metadata(END_NAME, dict(end))
@@ -298,7 +298,7 @@ def to_json(message: Mapping[str, object]) -> bytes:
 def _open_writer(
     stream: IO[bytes], channels: Sequence[tuple[str, JsonSchema]], header: LogHeader
 ) -> tuple[Any, list[int]]:
-    """Opens a writer and writes all that precedes the messages; also gives the channels' ids."""
+    """A writer that has written header, metadata, schemas and channels; and the channels' ids."""
     try:
         from mcap.writer import CompressionType, Writer  # noqa: PLC0415 - an extra
     except ImportError as error:

@@ -62,7 +62,7 @@ MERGED = "put logs together with `mcap merge`, which gives ids anew, or give the
 
 
 class DamagedMcapError(ValueError):
-    """Raised if an MCAP file contradicts itself. The text says where, and `remedy` how to help."""
+    """Raised if a file contradicts itself. The text says where; `remedy` says what to do."""
 
     def __init__(self, text: str, remedy: str = REMEDY) -> None:
         super().__init__(text)
@@ -77,7 +77,7 @@ class McapRecords:
     """Reads the records of one file, once.
 
     `metadata`: the metadata records that were read so far, by name. `private`: how many private
-    records were skipped. `unchecked`: whether the file has a message that no checksum covers.
+    records were skipped. `unchecked`: whether there was a message that no checksum covers.
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -239,7 +239,7 @@ class McapRecords:
         return channel, schema, Message(channel_id, log_time, data, publish_time, sequence)
 
     def _enter_definition(self, kind: int, body: bytes, at: int) -> None:
-        """Enters a schema or channel; raises DamagedMcapError if its id was in use already."""
+        """Enters a schema or channel; DamagedMcapError if its id was in use for another."""
         record = _read_record("Schema" if kind == SCHEMA else "Channel", body, at)
         known = self._schemas if kind == SCHEMA else self._channels
         before = known.setdefault(record.id, record)
@@ -332,7 +332,7 @@ class _StrictBytes(BytesIO):
 
 
 def _read_record(name: str, body: bytes, at: int) -> Any:  # noqa: ANN401 - a record of the package
-    """Parses a record of kind `name`; raises DamagedMcapError if the size of `body` is wrong."""
+    """The record of kind `name` in `body`; DamagedMcapError if bytes are missing or left over."""
     from mcap import records  # noqa: PLC0415 - an extra
     from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - the same
 
@@ -385,7 +385,7 @@ def _open_records(path: Path) -> Iterator[McapRecords]:
 
 
 def log_metadata(path: Path) -> dict[str, str]:
-    """The metadata that `soter run` wrote at a log's start, or {}; raises SoterError D006."""
+    """What a log says of its run at its beginning; {} if not by `soter run`; SoterError D006."""
     with _open_records(path) as records:
         for _ in _messages_up_to_cut(records, lambda _: None):
             if METADATA_NAME in records.metadata:

@@ -60,7 +60,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class RegionSlice:
-    """A slice of a region figure at the value `where` of the third axis."""
+    """A slice of a region figure at place `where` of the third axis, shaped as `RegionFigure`."""
 
     where: str
     regions: NDArray[np.uint8]
@@ -95,7 +95,7 @@ class RegionFigure:
 
 @dataclass(frozen=True)
 class ModuleProof:
-    """The part of the page on one module: its properties, its times, and the sizes of its sets."""
+    """One module: its properties, the times used, and the sizes of its sets."""
 
     name: str
     verdict: str
@@ -314,7 +314,7 @@ REGIONS = (
 
 
 def write_proof(page: ProofPage, path: str | os.PathLike[str]) -> Path:
-    """Writes the page, which needs no network, to `path`; raises `SoterError` D006 on failure."""
+    """Writes the page to `path`; it needs no script and no network. `SoterError` D006."""
     return write_text(proof_document(page), path)
 
 
@@ -349,7 +349,7 @@ def _only_region(f: RegionFigure) -> int | None:
 
 
 def _axes_in_one_region(figures: tuple[RegionFigure, ...]) -> list[tuple[str, str, str]]:
-    """The (region, note, axes) of all axes that lie in one region along their full length."""
+    """For each region and note: the axes along which the region spans the whole axis."""
     axes: dict[tuple[int, str], list[str]] = {}
     for f in figures:
         if (region := _only_region(f)) is not None:

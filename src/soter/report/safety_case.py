@@ -107,7 +107,7 @@ class OpenItem:
 
 @dataclass(frozen=True)
 class Traceability:
-    """The traces of a case; `path` and `sha256` are of the traces' file, "" without a file."""
+    """The traces of a case; `path`, `sha256`: of the given file, or ""; `open`: open items."""
 
     path: str = ""
     sha256: str = ""
@@ -147,7 +147,7 @@ class TracedCondition:
 
 @dataclass(frozen=True)
 class ConditionTrace:
-    """All conditions in the C file `c`; `empty` lists (row, property) that reach no condition."""
+    """The conditions in the file `c`, what ran them; `empty`: (row, property) that reach none."""
 
     c: str
     ran: tuple[str, ...]
@@ -156,7 +156,7 @@ class ConditionTrace:
 
     @property
     def reached(self) -> list[TracedCondition]:
-        """The conditions that at least one hazard or requirement reaches."""
+        """The conditions that some row of hazards reaches."""
         return [x for x in self.conditions if x.reached_by]
 
     @property
@@ -191,13 +191,13 @@ RETURNS, LAWS = "G4", "G5"
 
 @dataclass
 class CaseNode:
-    """One element of a safety case. `supported_by` and `in_context_of` are ids of other elements.
+    """One element. `supported_by`, `in_context_of`: ids of others.
 
-    A solution is `checked` if it was checked while the case was made and shows its goal; otherwise
-    `why` says what is missing. `sha256`: the hash of the file at `path`. `property`: the name by
-    which hazards trace to a goal. `key`: identifies an assumption across cases. `stated_by`: the
-    commands that state it. `owner`, `validation`, `evidence`: who owns it, how it is validated, and
-    where that is seen.
+    A solution is `checked` where it was checked while the case was made, and then holds what its
+    goal needs; `why` says what is missing otherwise. `sha256`: of what it points to. `property`: of
+    a goal, the name by which a hazard traces to it. `key`: of an assumption, the same for the same
+    thing in every case; `stated_by`: the commands that state it; who owns it, how it is validated
+    and where that is seen, as people say it.
     """
 
     id: str
@@ -239,7 +239,7 @@ class SafetyCase:
     def add(
         self, node: CaseNode, *, under: CaseNode | None = None, beside: CaseNode | None = None
     ) -> CaseNode:
-        """Adds a node below `under`, or as context of `beside`; returns the node."""
+        """Adds a node that supports `under`, or is context of `beside`, and gives it back."""
         assert all(n.id != node.id for n in self.nodes), node.id
         self.nodes.append(node)
         if under is not None:
@@ -377,6 +377,6 @@ def _one_line(text: str) -> str:
 
 
 def _text_lines(text: str) -> list[str]:
-    """The non-empty lines of a text, each changed if StrictDoc would read it as a field's end."""
+    """The non-empty lines of a text, or one "-"; none of them can end a field of StrictDoc."""
     lines = [line.rstrip() for line in text.splitlines() if line.strip()]
     return [f" {x}" if x.startswith(("<<<", ">>>", "[")) else x for x in lines] or ["-"]

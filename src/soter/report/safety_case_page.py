@@ -128,7 +128,7 @@ def _column_count(spot: _Spot) -> int:
 
 
 def _spot_rows(spot: _Spot) -> list[list[_Spot]]:
-    """The spots by row, top row first; equal solutions within a row become one spot."""
+    """The spots by row; equal solutions are one spot, below everything that they support."""
     rows = [[spot]]
     while True:
         row: list[_Spot] = []
@@ -196,7 +196,7 @@ def _picture_svg(case: SafetyCase, root: _Spot) -> str:
 
 
 def _place_rows(rows: list[list[_Spot]]) -> float:
-    """Places the rows from top to bottom; returns the y coordinate of the lower end."""
+    """Places rows below one another, circles below what they support; gives the bottom's y."""
     above: dict[int, list[_Spot]] = {}
     for a in (a for row in rows for a in row):
         for b in dict.fromkeys(map(id, a.below)):
@@ -415,7 +415,7 @@ def _open_items(case: SafetyCase) -> list[tuple[str, int, dict[tuple[str, str], 
 def _traced_items(
     case: SafetyCase,
 ) -> list[tuple[str, list[tuple[TracedItem, list[TracedProperty]]]]]:
-    """Hazards, then requirements, each with the properties to which it traces."""
+    """Hazards and requirements in the given order, each with the properties it traces to."""
     properties = {p.name: p for p in case.traceability.properties}
     sections = []
     for kind in ("hazard", "requirement"):

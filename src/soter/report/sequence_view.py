@@ -105,9 +105,10 @@ class SequenceStep:
 class SequenceView:
     """A trace to look at. `property_text` and `verdict` may hold code in backquotes.
 
-    `verdict` is one sentence; `remark` says whether the trace is the shortest. `steps` are in the
-    order in which they happened; `topics` are names. `program_sha256`, `seed` and `tool_version`
-    identify the replay; `provenance` adds further names and values, such as the command.
+    `verdict`: one sentence; `remark`: another, whether the trace is the shortest. `steps` stand in
+    the order they happened; `topics`: their names. `program_sha256`, `seed` and `tool_version` say
+    what was replayed and by what; `provenance` adds names and values of one's own, such as the
+    command.
     """
 
     program: str

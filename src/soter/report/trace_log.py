@@ -147,7 +147,7 @@ def _mode_changes(view: SequenceView) -> list[ModeRecord]:
 
 
 def _dm_steps(view: SequenceView) -> Iterator[DecisionStep]:
-    """Yields every DM step, with the modes before and after the step."""
+    """Yields every step of a DM that was made, with the modes before and after it."""
     modules = {lane.name: lane.module for lane in view.lanes if lane.role == "dm"}
     for step in view.steps:
         module = modules.get(step.lane)

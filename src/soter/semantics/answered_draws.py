@@ -59,7 +59,7 @@ class AnsweredDraws:
         return value
 
     def leaf_value(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
-        """Gives a float as `uniform` does, or a bool, an enum member or an int that is picked."""
+        """Gives a float as `uniform` does; any bool, any enum member, or any int of the bound."""
         if isinstance(t, FloatType):
             assert bound is not None, f"{stream} is not bounded"
             return self.uniform(stream, index, bound.low, bound.high)

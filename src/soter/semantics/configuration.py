@@ -29,7 +29,7 @@ LOST = 0
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """The configuration (L, OE, ct, FN, Topics) of the paper, with stamps, latches and gate state.
+    """(L, OE, ct, FN, Topics), and what the gate and the rulings on time need.
 
     Indices are those of `System.components`, `.topics` and `.modules`.
     """
@@ -113,7 +113,7 @@ def enabled_outputs(oe: Sequence[bool], module: Module, mode: int) -> tuple[bool
 
 
 def enabled_at_first(system: System, modes: Sequence[int]) -> tuple[bool, ...]:
-    """Gives for each component whether its outputs are enabled at the start, in these modes."""
+    """Gives OE at the start, in these modes; outputs of all but controllers are enabled."""
     oe: tuple[bool, ...] = (True,) * len(system.components)
     for module, mode in zip(system.modules, modes, strict=True):
         oe = enabled_outputs(oe, module, mode)

@@ -390,7 +390,7 @@ class ExecutableSystem:
 
 
 def _stamp_sources(system: System) -> tuple[int, ...]:
-    """Gives for each topic the topic whose stamp gives its age; () if the system has no queues."""
+    """Gives for each topic the one whose stamp is its age: a queue's source. () without queues."""
     if all(t.queue_of is None for t in system.topics):
         return ()
     return tuple([t.index if t.queue_of is None else t.queue_of for t in system.topics])

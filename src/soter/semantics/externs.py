@@ -99,7 +99,7 @@ def reset_extern(name: str, bound: object, seed: int) -> None:
 
 
 def extern_node(topics: Sequence[Topic], component: Component, step: Step) -> Executed:
-    """Gives the function that runs one step of an extern node and publishes its answer."""
+    """Gives an extern node's step: it gets inputs by short name, and its answer is published."""
     assert component.node is not None
     scope = component.scope.topics
     reads = []

@@ -47,7 +47,7 @@ def group_by_component(system: System, *, changes_releases: bool) -> dict[int, t
 
 
 def fault_slot(fault: Fault, seed: int, t: int, period_ns: int) -> int:
-    """Gives the number of the slot of a fault in which the time t lies."""
+    """Gives the number of the fault's slot that t lies in; a draw a slot says if it is faulty."""
     if fault.slot_ns == 0:
         return t // period_ns
     return (t + _slot_offset(fault, seed)) // fault.slot_ns
@@ -80,7 +80,7 @@ def _end_of_hold(fault: Fault, seed: int, t: int, period_ns: int) -> int:
 
 
 def _lateness_ns(fault: Fault, seed: int, stream: str, release: int) -> int:
-    """Gives how many ns late a release is, drawn uniformly between two quantiles of the fault."""
+    """Gives how many ns late a release is: uniform in one of the intervals between quantiles."""
     times = [int(x) for x in fault.amount]
     stretches = len(times) - 1
     place = draw_bits(seed, stream, release) % (stretches << FINE)
@@ -124,7 +124,7 @@ def is_released(system: System, faults: Sequence[Fault], c: Component, seed: int
 
 
 def next_release(system: System, faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
-    """Gives the time of the first release after ct."""
+    """Gives the first release that happens after ct."""
     release = max((ct - c.phase_ns) // c.period_ns, 0)
     while True:
         t = actual_release_ns(system, faults, c, seed, release)

@@ -155,7 +155,7 @@ def _next_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) -
 def _integrated_states(
     code: PlantCode, env: Environment, states: tuple[Value, ...]
 ) -> dict[Variable, Value]:
-    """Gives the `der` states one period later, after `substeps` equal integration steps."""
+    """Gives the `der` states after a period of `substeps` equal steps; others are constant."""
     variables = [variable for variable, _ in code.der]
 
     def derivatives(x: list[Value]) -> list[Value]:
@@ -250,12 +250,12 @@ def why_refused(
     *,
     within: bool = False,
 ) -> FaultKind | None:
-    """Gives the reason why `topic` refuses `value`, measured at `time_ns`; None if it accepts it.
+    """Gives why `topic` refuses `value`, measured at `time_ns`; None if it takes it.
 
-    EXTERN: the topic is no input, the value is not of its type, or the time is before the topic's
-    stamp or after the next instant (during an instant: after ct). NONFINITE, RANGE: the value is
-    not in the topic's set (`rounded_to_ends`). `within`: an instant has begun and is not over, even
-    if FN is empty, as it is when only an input is drawn.
+    EXTERN: the topic is not the environment's, the value is not of its type, or the time is before
+    the topic's stamp or after the next instant (while one waits: after ct). NONFINITE, RANGE: the
+    value is not in the topic's set (`rounded_to_ends`). `within`: time has moved to an instant that
+    is not over, though FN may be empty: nobody is released when only an input is drawn.
     """
     topics = machine.system.topics
     if topic not in environment_topics(machine.system):
@@ -298,7 +298,7 @@ class Interpreter:
     # ------------------------------------------------------------ the start
 
     def initial(self) -> Configuration:
-        """Resets the externs and gives (L0, OE0, ct0, FN0, Topics0); may raise ExternResetError."""
+        """Gives (L0, OE0, ct0, FN0, Topics0) after a reset of externs (`ExternResetError`)."""
         for name, bound in self._externs.items():
             reset_extern(name, bound, self.machine.seed)
         components, modules = self.system.components, self.system.modules
@@ -378,9 +378,9 @@ class Interpreter:
     ) -> tuple[Configuration, FaultKind | None]:
         """Publishes a value from outside, measured at `time_ns`, as `soter_publish` does in C.
 
-        The topic gets the value with this stamp. If the value is refused, nothing changes and the
-        result has the reason (`why_refused`). `within`: an instant has begun and is not over, which
-        an empty FN does not show.
+        The topic gets it with this stamp; if it is refused nothing changes, and the kind says why
+        (`why_refused`). `within`: the driver has moved time and not ended the instant, which C
+        knows by itself, but a configuration with FN empty does not show.
         """
         refused = why_refused(self.machine, c, topic, value, time_ns, within=within)
         if refused is not None:
@@ -411,8 +411,8 @@ class Interpreter:
     ) -> Configuration:
         """Runs one instant: time progresses, inputs change, FN fires; gives the new configuration.
 
-        `choose_node` picks the next node from the FN of a configuration; `choose_input` gives the
-        inputs of the new instant as (topic index, value). The events are added to `record`.
+        `choose_node` picks a node from the FN of a configuration; `choose_input` gives the new
+        instant's inputs, (topic index, value). `record` gets the reports and violated properties.
         """
         choose = choose_node or self.next_node
         c = discrete_time_progress_step(self.machine, c)

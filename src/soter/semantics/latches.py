@@ -23,10 +23,10 @@ OPEN, CLOSED = 0, 1
 def read_latch(
     system: System, c: Configuration, module: Module, mode: int
 ) -> tuple[Configuration, bool]:
-    """Gives the configuration after a DM reads its latch, and whether AC may have control.
+    """Gives the configuration after a DM has read its latch, and whether AC may have control.
 
     An acknowledgement is a press of a button after a release, both published after the takeover. A
-    press counts only if it is not older than the `max_age` of its topic when the DM reads it.
+    press older than the `max_age` of its topic when the DM reads it does not count, now or later.
     """
     if module.latch is None or mode != SC:
         return c, True

@@ -157,7 +157,7 @@ def publish(
     """Gives the configuration with `published` on its topics, stamped `time_ns` (None: ct).
 
     Topics' = out united with Topics[T without dom(out)]. Each value also enters the queues of its
-    topic. Every message of a burst enters them, and the topic holds the last message.
+    topic. For a topic in `bursts` every message does, and the topic holds the last message.
     """
     if not published:
         return c

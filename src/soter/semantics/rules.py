@@ -53,9 +53,9 @@ def environment_input(
     value: Value,
     time_ns: int | None = None,
 ) -> Configuration:
-    """ENVIRONMENT-INPUT: an input topic takes a value of its set at `time_ns` (None: at ct).
+    """ENVIRONMENT-INPUT: an input topic takes a value of its set, at any time; None is ct.
 
-    (L, OE, ct, FN, Topics) -> (L, OE, ct, FN, Topics[e -> v]).
+    (L, OE, ct, FN, Topics) -> (L, OE, ct, FN, Topics[e -> v])
     """
     return publish(machine.system.topics, c, {topic: value}, time_ns)
 
@@ -196,7 +196,7 @@ def _next_release(machine: ExecutableSystem, ct: int, n: Component) -> int:
 
 
 def _is_due(machine: ExecutableSystem, c: Configuration, n: Component, ct: int) -> bool:
-    """Whether a component fires at `ct`: a step ends, or it is released while no step runs."""
+    """Whether a component fires at `ct`: its step ends, or it is released and no step lasts."""
     ends = NEVER if n.held is None else c.stamps[n.held]
     return ends == ct or (ends == NEVER and _is_released(machine, n, ct))
 

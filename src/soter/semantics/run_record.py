@@ -50,9 +50,9 @@ class ComponentRecord:
 
 @dataclass(slots=True)
 class PropertyRecord:
-    """The record of a property: whether it is violated, how often that began, and when first.
+    """One property: `active` while violated; how often that began; when it first did.
 
-    A contract is judged when its node steps, every other property at the end of each instant.
+    A contract is judged when its node steps, everything else at the end of instants.
     """
 
     active: bool = False
@@ -88,7 +88,7 @@ class Record:
         return copy.deepcopy(self)
 
     def note_event(self, event: DecisionVerdict | StepOutcome, ct: int) -> None:
-        """Adds the report of a transition at `ct` to the sums."""
+        """Adds the report of a transition at `ct` to the records."""
         if isinstance(event, DecisionVerdict):
             self._note_verdict(event, ct)
         else:

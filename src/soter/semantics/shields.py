@@ -71,7 +71,7 @@ def _updated_proposals(
     code: ShieldCode,
     published: Mapping[int, Value],
 ) -> dict[int, Value]:
-    """Gives the topic of proposals after this step, with AC's numbers before those of SC."""
+    """Gives the topic of proposals with this step's numbers put in: first AC's, then SC's."""
     if code.proposed is None:
         return {}
     numbers = list(c.Topics[code.proposed])

@@ -31,9 +31,9 @@ Mode = Literal["SC", "AC"]
 
 @dataclass(frozen=True)
 class PredicateValues:
-    """The facts that a DM step saw; `clean_needed` is the number of clean outputs that AC owes.
+    """The facts of a DM step. `clean_needed`: how many clean outputs AC owes after a gate fault.
 
-    `latched`: the reason why the module's latch keeps AC from control; "" if it does not.
+    `latched`: why the module's latch keeps AC from control; "" if it does not.
     """
 
     ttf: bool

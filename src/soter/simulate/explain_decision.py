@@ -126,7 +126,7 @@ class DecisionReason:
 
 
 class TopicRead(NamedTuple):
-    """A topic that a DM step read, with value and age, both None if it was never published."""
+    """A topic that a DM step read, with value and age; None: it was never published."""
 
     topic: str
     type: Type
@@ -301,7 +301,7 @@ class _PredicateReader:
         return list(map(compile_part, parts))
 
     def _computed_evaluator(self, e: typed.TypedExpr) -> PartEvaluator:
-        """The evaluator of a part of a computed predicate: of a level or of permitted commands."""
+        """The evaluator of a part of a computed predicate: of a level, or of judged commands."""
         if isinstance(e, typed.TypedUnary) and self.module.shield is None:
             return self._level_evaluator(e.operand, for_ttf=True)  # not `safer`
         if isinstance(e, typed.TypedBinary):
@@ -439,7 +439,7 @@ def _leaf_value(t: Type, value: Any, path: Sequence[str]) -> Number:  # noqa: AN
 
 
 def early_topics(system: System, dm: int) -> frozenset[int]:
-    """The topics, inputs included, that no component changes from the DM's step on."""
+    """The topics, inputs included, that change only before a DM steps in the deployed order."""
     late = {i for c in system.components if c.index >= dm for i in c.writes}
     looks = {m.looked for m in system.modules if m.dm >= dm and m.looked is not None}
     judging = [m.shield for m in system.modules if m.shield is not None]

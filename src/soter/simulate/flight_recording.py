@@ -164,7 +164,7 @@ class FlightRecording:
         return int(end[1])
 
     def _records_in_sequence(self, records: npt.NDArray[Any], number: int) -> npt.NDArray[Any]:
-        """The records up to the first gap in their numbers; raises `SoterError` D006 for damage."""
+        """The records up to the first gap in their numbers; `SoterError` D006 for wrong records."""
         numbers = records["number"].astype(np.int64)
         due = np.arange(number, number + len(records))
         fits = numbers == due

@@ -26,7 +26,7 @@ ANY_END = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class StopRequest:
-    """A request to stop; `wanted` if a signal came, whose number is in `signal`."""
+    """A request to stop. `wanted`: signal number `signal` came; `in_extern`: an extern runs."""
 
     def __init__(self) -> None:
         self.wanted = False

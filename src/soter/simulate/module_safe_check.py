@@ -46,7 +46,7 @@ class SafeJudge(Protocol):
     def false_flags(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
         """For each of `rows` of the states, (n,), whether `safe` is false; a fault counts as false.
 
-        None if `safe` calls an extern function, which only a run may call.
+        None if `safe` calls an extern function, which only the run itself may call.
         """
 
 
@@ -145,7 +145,7 @@ class InterpretedSafe:
 
 @dataclass(frozen=True)
 class SafeLooks:
-    """How many looks of a module's DM had fresh reads, and after how many `safe` was false.
+    """How many looks of a module's DM had fresh reads, and in how many `safe` was false.
 
     `outside`, the second number, is None if `safe` was not judged.
     """

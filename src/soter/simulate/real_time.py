@@ -66,7 +66,7 @@ class BuiltPackage:
 
 
 def why_not_real_time(bindings: Bindings, engine: str) -> str:
-    """The reason why a run cannot be in real time; "" if it can."""
+    """The reason why a run cannot be in real time, but only paced by the clock; "" if it can."""
     if engine != "native":
         return "the interpreter has no clock"
     if sys.platform != "linux":

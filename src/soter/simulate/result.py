@@ -56,11 +56,11 @@ class Violation:
 
 @dataclass(frozen=True)
 class ModuleSummary:
-    """The figures of one module in a run; `ac_share` is the share of time in mode AC.
+    """The figures of one module in a run. `ac_share` is the share of time in mode AC.
 
-    `looks`: the looks of its DM with fresh reads. `outside`: after how many of these looks the
-    module's `safe` was false. It is None if `safe` was not judged (a run without hash and trace, or
-    a `safe` that calls an extern function).
+    `looks`: the looks of its DM with fresh reads. `outside`: after how many of these its own `safe`
+    was false on its topics; None if that was not judged (a run that was neither hashed nor traced,
+    or a `safe` that calls an extern function).
     """
 
     ac_share: float
@@ -275,7 +275,7 @@ class Run:
         return _kept_trace(self)["header"]["ct"] / 1e9
 
     def topic(self, name: str) -> npt.NDArray[Any]:
-        """The values of a topic, or of `<plant>.truth`, after every instant, (n,)."""
+        """Values of a topic, or of `<plant>.truth`, by instant, (n,); records have fields."""
         return _trace_values(self, name)[1]
 
     def truth(self, plant: str) -> npt.NDArray[Any]:
@@ -324,7 +324,7 @@ def _declaration_place(x: Component) -> Span:
 
 
 def _kept_trace(run: Run, name: str = "") -> npt.NDArray[Any]:
-    """The trace, (n,); raises `SoterError` U001 if it was not kept or lacks `name`."""
+    """The part of the trace that was kept, (n,); `SoterError` U001 if `name` is not in it."""
     if run.trace is None:
         raise mistake("U001", "this run kept no trace", "ask for it: simulate(trace=True)")
     if name and run.recorded is not None and name not in run.recorded:

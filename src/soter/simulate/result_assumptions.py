@@ -124,7 +124,7 @@ def _proof_sentence(name: str, proof: Proof) -> str:
 
 
 def _unproved_code(system: System) -> str:
-    """A clause that names the extern code outside of all proofs; "" without extern code."""
+    """A clause that names the extern code that no proof covers; "" if there is none."""
     names = [x.name for x in system.components if x.extern and x.role != "ac"]
     names += [f.name for f in system.program.funs.values() if f.extern]
     if not names:

@@ -320,7 +320,7 @@ class _Drive:
             self._show_filled()
 
     def _next_limit(self, limit_ns: int, until_ns: int, pacer: Pacer | None) -> int:
-        """The virtual time until which the run may go on before it checks Ctrl-C and progress."""
+        """The virtual time at which the run next checks Ctrl-C, progress and clock."""
         if pacer is not None:
             due_ns = min(self.library.next_instant_ns(self.state), until_ns)
             pacer.wait(due_ns, self.stop)
@@ -328,7 +328,7 @@ class _Drive:
         return until_ns if self.buffer is not None else min(limit_ns + SLICE_NS, until_ns)
 
     def _run_part(self, limit_ns: int) -> bool:
-        """Runs to `limit_ns`, a full buffer or an extern's answer; returns True at the limit."""
+        """Runs to `limit_ns`, a full buffer or an extern, which it answers; True at the limit."""
         part = self.buffer[self.filled :] if self.buffer is not None else None
         status, written, due = self.library.run_until(self.state, limit_ns, part)
         _check_process(self.process)

@@ -115,7 +115,7 @@ def final_values(run: Run) -> dict[str, object]:
 
 
 def truth_value(layout: StateLayout, plant: Component, raw: bytes | memoryview) -> Value:
-    """The true state of a plant, read from the bytes of a state."""
+    """A plant's true state in the bytes of a state, as a value of its `truth` type."""
     assert plant.plant is not None
     places = [layout.member(plant.index, i) for i in range(len(plant.plant.states))]
     return tuple([decode_from(raw, offset, t) for offset, t in places])

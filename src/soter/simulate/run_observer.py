@@ -60,7 +60,7 @@ def decided_rows(system: System, states: npt.NDArray[Any]) -> npt.NDArray[np.boo
 def moved_rows(
     system: System, module: Module, states: npt.NDArray[Any]
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Marks the states in which AC in control published, and those in which a shield moved this.
+    """The states, (n,), in which AC in control has published, and those its shield moved.
 
     Both arrays are (n,), and False everywhere if the module has no shield `toward sc`.
     """
@@ -246,12 +246,12 @@ class Observer:
 
     @property
     def moved_commands(self) -> list[tuple[int, int]]:
-        """For each module the number of AC's published commands, and how many a shield moved."""
+        """By module: AC's published commands, and those that a shield `toward sc` moved."""
         return [(int(n), int(moved)) for n, moved in self._moved.T]
 
     @property
     def safe_looks(self) -> list[SafeLooks]:
-        """For each module how many looks its DM made, and after how many `safe` was false."""
+        """By module: after how many looks of its DM its own `safe` was false."""
         return self._safe.looks
 
     @property

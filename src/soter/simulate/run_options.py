@@ -155,7 +155,7 @@ def seed_value(seed: object) -> int:
 
 
 def param_values(program: TypedProgram, values_by_name: Mapping[str, object]) -> dict[str, Value]:
-    """Checks and converts all parameters; one `SoterError` U001, U004 reports all mistakes."""
+    """Checks and converts parameters by full name; `SoterError` U001, U004 with all mistakes."""
     values: dict[str, Value] = {}
     problems: list[Diagnostic] = []
     for name, value in values_by_name.items():

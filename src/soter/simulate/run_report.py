@@ -125,7 +125,7 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
 
 
 def _headline(run: Run) -> str:
-    """The headline; it names externs that never answered, and modules whose rest is not shown.
+    """The headline: first externs that never answered, then modules whose rest is not shown.
 
     It says "system" and "this run", because a system may be called `Proved`.
     """
@@ -180,7 +180,7 @@ def _all_series(run: Run, trace: npt.NDArray[np.void], step: int) -> tuple[Serie
 
 
 def _signal_notes(run: Run) -> Iterator[str]:
-    """Yields notes that explain drawn margins and name how many signals are not drawn."""
+    """Yields notes on what a drawn margin is, and on signals that are left out."""
     for m in run.system.modules:
         if m.looks > 1:
             yield f"margin of {m.name}: for how long AC surely keeps control from then on"

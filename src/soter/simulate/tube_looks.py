@@ -101,7 +101,7 @@ CHECK = "tubes.soter"
 
 @dataclass(frozen=True, eq=False)
 class TubeLook:
-    """The tube of a DM step: `boxes` as in a `LedLook`, and a code for the part that failed.
+    """The tube of a DM step: `boxes` (k, 3 + 2 n) as in a `LedPicture`; `failed`: the failed part.
 
     SC may begin early or late, so boxes overlap in time. They hold all states until SC is at rest.
     """
@@ -111,7 +111,7 @@ class TubeLook:
 
 
 def _predicate_query(m: Module, name: str) -> str:
-    """The C statement that asks whether a module's predicates accept the estimate."""
+    """The C that evaluates whether a module's predicates accept the estimate."""
     ttf, safer = (f"{name}_{p}(state, &nan)" for p in ("ttf", "safer"))
     good = f"!{ttf}" if m.shield is None else f"judged ? !{ttf} : {safer}"
     return f"if (m == {m.index}) {{ good = {good}; }}"

@@ -74,7 +74,7 @@ def promise_mistakes(system: System, mapped: Sequence[TopicMap]) -> Iterator[str
 
 
 def _topics_of_stepped_plants(proved: System | None) -> set[str]:
-    """The names of topics that show plants with `next` equations in the proved system."""
+    """The names of topics that show plants which move in steps (`next`) in the proved system."""
     if proved is None:
         return set()
     return {
@@ -230,7 +230,7 @@ def _shared_field_mistakes(mapped: TopicMap) -> Iterator[str]:
 
 
 def _shared_channel_mistakes(mapping: LogMap) -> Iterator[str]:
-    """Yields a mistake for each pair of topics on one channel that cannot share it."""
+    """Yields a mistake for two topics on one channel: two types, one source, or one goes out."""
     by_channel: dict[str, TopicMap] = {}
     for m in mapping.topics:
         if m.channel is None:
@@ -274,7 +274,7 @@ def unmapped_notes(system: System, mapped: Collection[TopicMap], where: str) -> 
 
 
 class BridgedSystem:
-    """A system with its C (`unit`), the tables of its world, and its `posix` package, if any."""
+    """A system, its C (`unit`) and tables of its world; `trusted`: its `posix` package, if any."""
 
     def __init__(self, system: System, core: CoreSystem, folder: Path) -> None:
         self.system = system
@@ -342,7 +342,7 @@ class BridgedSystem:
         return self.unit.topics[index][0]
 
     def channel_hash(self, index: int) -> str:
-        """The C number of a topic's layout, which the header of its channel stores."""
+        """The number of a topic's layout, which the head of its channel holds, as C."""
         return f"UINT64_C({self.world.number(self.topic(index)):#018x})"
 
     def is_inward(self, index: int) -> bool:
@@ -356,7 +356,7 @@ class BridgedSystem:
         return SILENT_PERIODS * max(c.period_ns for c in self.system.components if c.plant is None)
 
     def law_statements(self, index: int) -> list[str]:
-        """Statements that fill `to` with the fail-safe law, or `return false` without a law."""
+        """C (and C++) that fills `to` with the fail-safe law, or returns false without one."""
         lease = self.leased.get(index)
         if lease is None:
             return ["(void)to;", "return false;"]
@@ -371,7 +371,7 @@ class BridgedSystem:
 
 
 def require_world(system: System) -> None:
-    """Raises SoterError U001 for a system with its plants inside, which has nothing to bridge."""
+    """Raises SoterError U001 for a system that has its plants inside: no mapping changes that."""
     if not system.externals:
         text = f"`{system.name}` meets no world: with its plants inside there is nothing to bridge"
         help_ = "`system S deploys ... { external topic t; ... }` (docs/deploy.md)"

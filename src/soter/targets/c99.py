@@ -75,7 +75,7 @@ class ProgramInC:
         self.world = tuple(f"{name}_step" for name in moved)
 
     def program_files(self, header: str) -> list[PackageFile]:
-        """The files of the program and of its answers for extern plants, with this header text."""
+        """The program, and the answers of its extern plants; `header`: text of the driver's."""
         prefix = self.unit.prefix
         return [
             PackageFile(f"{prefix}.h", self.unit.header),
@@ -207,7 +207,7 @@ def app_header(system: System, unit: Unit) -> str:
 
 
 def app_source(unit: Unit, plants: list[Component]) -> str:
-    """The text of the C that answers for extern plants; extern nodes are linked directly."""
+    """Writes the C that answers extern plants; extern nodes are linked and never due."""
     state = c.Name("state")
     body: list[c.CStmt] = []
     for x in plants:

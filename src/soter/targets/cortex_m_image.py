@@ -61,7 +61,7 @@ class StepCount:
 
 @dataclass(frozen=True)
 class Image:
-    """The sizes and instruction counts of an image; `why` says why it was not made or run."""
+    """The bytes and instructions of an image; None if not made or run, `why` says the reason."""
 
     flash: int | None = None
     ram: int | None = None
@@ -167,7 +167,7 @@ def build_image(package: Package, board: Board) -> Image:
 
 
 def _run_in_qemu(package: Package) -> tuple[str, str]:
-    """The output of `make run`, and that of the image; raises SoterError X016 if it fails."""
+    """The output of `make run`, and of the image itself; SoterError X016 if it does not run."""
     ran = run_compiler(["make", "-s", "run"], package.folder, RUN_S)
     if ran.code is None or "it has not ended within" in ran.text:
         raise _run_error(f"the run in QEMU does not end within {LIMIT_S} s")

@@ -441,7 +441,7 @@ def _number_code(value: int) -> str:
 
 
 def _name_without_file(t: Topic) -> str:
-    """The name of a topic without the name of the file that declares it."""
+    """The name of a topic without the import of the file that declares it."""
     name = t.symbol.name
     return legal_name(t.name.removesuffix(name) + name.rpartition(".")[2])
 

@@ -24,7 +24,7 @@ SHARE = 5
 
 
 def late_limits(system: System) -> tuple[list[int], list[int]]:
-    """The allowed lateness and response of each component in ns; the least declaration counts."""
+    """Lateness and response of each component in ns, the least of all modules that declare one."""
     late = [min(LATE_NS, x.period_ns // SHARE) for x in system.components]
     response = list(late)
     for times, kind in ((late, "late"), (response, "response")):

@@ -64,7 +64,7 @@ class LeaseTimes:
 
     @property
     def longest(self) -> int:
-        """The longest time in ns from a release of SC, which gives a lease, to the lease's end."""
+        """The time in ns from the release of SC that gives a lease to the lease's end."""
         dm, sc = self.budgets[:2]
         nearest = (sc.phase - dm.phase) % gcd(dm.period, sc.period)
         return sc.period + max(sc.late, dm.latest - nearest) + sc.response

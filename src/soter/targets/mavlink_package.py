@@ -392,7 +392,7 @@ def _source_mistakes(m: TopicMap) -> list[str]:
 
 
 def _late_law_mistakes(source: BridgeSource) -> list[str]:
-    """The mistakes of topics whose fail-safe law may come later than `offboard_loss`."""
+    """The mistakes that the law of a silent trusted part would come after `offboard_loss`."""
     link = source.link
     problems = []
     for index, m in source.outward.items():

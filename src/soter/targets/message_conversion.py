@@ -81,7 +81,7 @@ CYCLONE = Dialect(
 
 
 class MessageConverter:
-    """Writes the code between a topic and its messages; `message` is an lvalue in that code."""
+    """Writes the code for a topic and its messages; `message`, `value`: lvalues in that code."""
 
     def __init__(self, mapped: TopicMap, ros: int, dialect: Dialect, message: str) -> None:
         if mapped.message is None:

@@ -46,7 +46,7 @@ class PackageFile:
 
 
 def filled_file(path: str, template: str, /, **context: object) -> PackageFile:
-    """A package file made from a template in this folder; the template also gets the C flags."""
+    """The file made from a template below this folder, which also gets the flags of its C."""
     text = filled(
         f"targets/{template}.j2",
         **context,
@@ -149,7 +149,7 @@ def _write_error(path: Path, error: OSError) -> SoterError:
 
 @dataclass(frozen=True)
 class Target:
-    """A target: the function that makes its package, and the further inputs that it needs."""
+    """A target: the function that makes its package, and what it needs beside system and Core."""
 
     make: str
     """`MODULE:FUNCTION`, imported when it is needed; called with (system, core, folder), and with a
@@ -189,13 +189,13 @@ def build_package(
     *,
     write: bool = True,
 ) -> Package:
-    """Makes the package of a target; raises SoterError U001 for unknown targets or wrong options.
+    """Writes the package of a target; SoterError U001 without such a target, or a mapping.
 
-    `mapping`: as `soter.mapping.read_mapping.make_log_map` gives it. `more`: further files of the
-    package, for any target. `onto`: a board, and the run that an image of it repeats.
+    `mapping`: as `soter.mapping.read_mapping.make_log_map` gives it. `more`: files that the package
+    has besides, whatever the target. `onto`: a board, and the run that an image of it repeats.
 
-    `system`, `core`: with every binding to C entered (`native/extern_bindings.py`); other bindings
-    of externs do not leave this machine.
+    `system`, `core`: with every binding to C entered (`native/extern_bindings.py`); whatever else
+    an extern is bound to does not leave this machine.
     """
     require_options(target, mapping=mapping is not None, board=onto is not None)
     others = onto or (() if mapping is None else (mapping,))

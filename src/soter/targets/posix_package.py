@@ -242,7 +242,7 @@ def _template_values(
 
 
 def flight_head(system: System, layout: StateLayout) -> dict[str, str]:
-    """The entries of a recording that identify the program that flew."""
+    """The entries of a recording, beside its seed, that tell which program flew."""
     return {
         "program_sha256": system.program.sha256,
         "system": system.name,

@@ -63,7 +63,7 @@ LAUNCH = {1: (".launch", ".launch.xml"), 2: (".launch.py", ".launch.py")}
 
 @dataclass(frozen=True)
 class RosPackage:
-    """The values for the templates of a ROS package; `simulated` has the simulation's sources."""
+    """The values for the templates; `simulated`: sources of the simulation, beside its node."""
 
     version: int
     name: str

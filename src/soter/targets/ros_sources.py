@@ -235,9 +235,9 @@ def _qos_code(mapped: TopicMap, *, inward: bool) -> str:
 
 
 def _stamp_code(stamp: StampSource | None, converter: MessageConverter, *, scanned: bool) -> str:
-    """The C++ expression for a message's time of measurement in ns.
+    """The C++ expression of the time, in ns, at which a message says that it was measured.
 
-    A scan has the stamp of its first ray, but its nearest reading may be as old as its last ray.
+    A scan is stamped with its first ray, and what is nearest in it is as old as the last one.
     """
     if stamp is None:
         return "0"

@@ -49,7 +49,7 @@ def _status_word_count(part: str) -> int:
 
 
 def channel_document(system: System) -> dict[str, object]:
-    """The content of `channels.json`, which describes all topics that have a channel."""
+    """The content of `channels.json`: all topics with a channel; `set`: a pair a leaf, or None."""
     names = short_topic_names(system)
     return {
         "schema": CHANNELS_SCHEMA,
@@ -242,9 +242,9 @@ class WorldTables:
         return number_of_layout({"actuators": [g.module.name for g in self.granted]})
 
     def is_awaited(self, t: Topic) -> bool:
-        """Whether the start waits for a topic, which must come in and not be read by ACs only.
+        """Whether the start waits for a topic: one that comes in, and that not only ACs read.
 
-        A start does not wait for an acknowledgement, because SC keeps control without it.
+        An acknowledgement alone is not awaited: without one SC keeps control.
         """
         readers = {
             x.role for x in self.system.components if x.node is not None and t.index in x.reads

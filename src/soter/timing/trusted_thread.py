@@ -52,7 +52,7 @@ SHOWN = 24
 class Task:
     """A task of the thread, released at phase + k period, up to `jitter` late; all in ns.
 
-    `wcet`: its longest execution time; `deadline`: the time from its release to its latest end.
+    `wcet`: how long it takes at most; `deadline`: by when it has to end, from its release.
     """
 
     name: str
@@ -123,11 +123,11 @@ class Analysis:
 def analyse_thread(
     tasks: Sequence[Task], watch: Callable[[ScheduledStep], None] | None = None
 ) -> Analysis:
-    """Analyses the latest start and end of every task; `tasks` are in the order of an instant.
+    """The latest start and end of every task; `tasks` in the order in which an instant runs them.
 
-    `watch` is called with each step of the schedule with the greatest lateness, as far as the
-    analysis follows that schedule. No later step starts or ends later, after its release, than a
-    step of the same task that was passed on. If the result is not exact, `watch` is not called.
+    `watch` is called with each step of the schedule in which all is as late as it may be, as far as
+    that is followed. Every later step starts and ends no later after its release than a step of the
+    same task that was passed on. If the result is not exact, `watch` is not called.
     """
     if not tasks:
         return Analysis((), None, exact=True, work=0, hyperperiod=1)
@@ -315,7 +315,7 @@ class Timing:
         return FITS
 
     def row(self, component: Component) -> ThreadComponent | None:
-        """The row of this component; None if it does not run in the thread."""
+        """The row of a component, by its name; None if it does not run in the thread."""
         return next((r for r in self.rows if r.component.name == component.name), None)
 
 

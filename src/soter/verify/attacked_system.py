@@ -44,7 +44,7 @@ def attacked_system(system: System, module: int, controller: str = DRAWN) -> Sys
 
 
 def true_topics_known_ns(system: System) -> int:
-    """The time in ns from which on all true topics of an attacked system have values."""
+    """The time in ns from which on every true topic of an attacked system has been published."""
     return max((c.phase_ns for c in system.components if c.plant is not None), default=0)
 
 
@@ -68,7 +68,7 @@ def may_read_time(system: System, module: int) -> bool:
 
 
 def _system_watching_safe(system: System, module: Module) -> System:
-    """A copy of the system with one property: `safe` on topics without measurement errors."""
+    """The system with one property: `safe` over twins of its topics without measurement errors."""
     safe, scope = module.symbol.safe, module.scope
     seen = {}
     for symbol in topic_reads(safe):
@@ -124,7 +124,7 @@ def _system_with_drawn_inputs(system: System, module: Module) -> System:
 
 
 def _system_with_drawn_controls(system: System, module: Module) -> System:
-    """A copy of the system whose AC publishes values drawn from the sets of its outputs."""
+    """The system whose AC publishes, at each step, values drawn from its outputs' sets."""
     ac = system.components[module.ac]
     node = ac.node
     assert node is not None, ac.name

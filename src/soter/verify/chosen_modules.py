@@ -80,7 +80,7 @@ def modules_of(
 
 
 def _forces_a_module(checked: CheckResult, system: str, params: Mapping[str, Value]) -> bool:
-    """Whether a system forces a module into a mode; False for the default system."""
+    """Whether a system forces a module; the default system counts as one that does not."""
     return any(m.forced for m in system_to_prove(checked, system, params, exact=False).modules)
 
 
@@ -141,7 +141,7 @@ def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
 def chosen_problems(
     checked: CheckResult, module: str | None, system: str | None, params: Mapping[str, Value]
 ) -> tuple[list[tuple[System, Module]], list[Problem]]:
-    """The modules to verify, in every view, and their problems; raises `SoterError`."""
+    """The modules to verify, in every view, and their problems; `SoterError` as `problems_of`."""
     assert checked.program is not None
     chosen = modules_of(checked, module, system, params)
     refuse_forced_modules(chosen)

@@ -120,7 +120,7 @@ def verify(
 def _problems_with_found_hints(
     checked: CheckResult, pick: Mapping[str, Any], budget_s: float
 ) -> tuple[CheckResult, list[tuple[System, Module]], list[Problem], tuple[ProofSearch, ...]]:
-    """The program, modules and problems, after a search for hints if states are unbounded."""
+    """The program, its modules and problems, and searches for hints where it bounds no states."""
     try:
         return checked, *chosen_problems(checked, **pick), ()
     except SoterError as error:
@@ -139,7 +139,7 @@ def _results_with_hints(
     searches: Sequence[ProofSearch],
     budget_s: float,
 ) -> tuple[CheckResult, list[ModuleResult], tuple[ProofSearch, ...]]:
-    """The program and its results, after a search for new hints for undecided modules."""
+    """The program and the results, with new hints for modules that its own leave undecided."""
     asked = {s.module for s in searches}
     others = [r for r in results if r.name not in asked and r.verdict == UNDECIDED]
     if not others:
@@ -214,7 +214,7 @@ def _verify_problems(
 def _note_settled_claims(
     stopped: KeyboardInterrupt, results: Sequence[ModuleResult], open_: Sequence[Problem]
 ) -> None:
-    """Adds the verdicts so far to the notes of an interruption, except that of a running case."""
+    """Adds the verdicts so far to an interruption's notes; a running case has added its own."""
     later = [f"{p.name}: no claim settled" for p in open_]
     vars(stopped)["__notes__"] = [
         *verdicts_in_words(*results),
@@ -226,7 +226,7 @@ def _note_settled_claims(
 def _may_be_attacked(problem: Problem) -> bool:
     """Whether a run of the problem's system that leaves C would also be a run of the vehicle.
 
-    It would not be one in a view, or if other components may move the plant by any value.
+    It would not in a view, nor where others may move the plant by any value.
     """
     return not (problem.view or problem.influences)
 

@@ -150,9 +150,9 @@ def replay_choices(c: Counterexample, system: System) -> Replay | None:
 
 
 def run_that_leaves(variant: System, draws: Draws, until_ns: int) -> Replay | None:
-    """The run until `safe` is first false on the true state; None if it holds until `until_ns`.
+    """The run until `safe` is first false on the true state; None if that is not by `until_ns`.
 
-    An instant at which `safe` faults does not count as false.
+    A `safe` that faults is not false: such an instant does not count.
     """
     run = _AttackedRun(variant, draws)
     known_ns = true_topics_known_ns(variant)

@@ -183,10 +183,10 @@ def synthesize(
     system: str | None = None,
     params: Mapping[str, Value] | None = None,
 ) -> list[Path]:
-    """Writes a program with all open safe controllers found; returns its files, the program first.
+    """Writes the program with every open safe controller found; returns the files, program first.
 
-    `output` must be in the program's folder, where its imports and data are found. Raises R...
-    without a valid problem, U009 without a controller, and U001, D006 or D008 for `output`.
+    `output` lies in the program's folder, so that its imports and data are found. `SoterError` R...
+    where there is no problem, U009 where no controller was found, U001, D006, D008 for `output`.
     """
     assert checked.program is not None
     main = Path(checked.program.path)

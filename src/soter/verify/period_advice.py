@@ -360,7 +360,7 @@ def _declared_predicates_verify(case: Case) -> bool:
 
 
 def _level_in_table(part: GroupSets, which: int) -> Bools:
-    """The DM's set S_0 (`which` is 0) or S_(m-2) (1), which is the same for all cases."""
+    """The set S_0 (`which` 0) or S_(m-2) (1) that the DM would have for all cases."""
     assert part.deployed is not None
     return part.deployed[which]
 
@@ -390,7 +390,7 @@ FIRST = 0.1
 
 @dataclass
 class DelayAdvice:
-    """The declared `acts within`, and for each tried value the reason why it is not proved."""
+    """The declared value of `acts within`, and each value that was tried with what failed."""
 
     module: str
     declared_ns: int
@@ -456,7 +456,7 @@ def largest_delay(flat: System, module: Module) -> DelayAdvice:
 
 
 def _next_delay(proved: int, failed: int | None, advice: DelayAdvice, period_ns: int) -> int | None:
-    """The next delay to try, in ns: the declared delay, a longer delay or a middle; or None."""
+    """The next delay to try, in ns: the declared one, longer ones, a middle; None at the end."""
     if not advice.why_not:
         return advice.declared_ns
     if failed is None:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PosedProblem:
-    """A problem as a text, the same for equal problems, and the full names that occur in it."""
+    """A problem as a text, equal for equal problems, and the full names of declarations in it."""
 
     text: str
     names: frozenset[str]
@@ -65,10 +65,10 @@ def step_text(flat: System, component: Component) -> PosedProblem:
 def text_with_names(
     of: object, untrusted: frozenset[typed.NodeSymbol] = frozenset()
 ) -> PosedProblem:
-    """The text of any part of a program, and the names of the declarations in this part.
+    """The text of any part of a program, and the names of the declarations in it.
 
-    The code of `untrusted` nodes is left out, because no proof reads it. With such nodes contracts
-    and the hold times of simulated disturbances, which no proof needs, are left out, too.
+    `untrusted`: nodes whose code is left out, as no proof reads it. If there are any, contracts,
+    which only runs and tests judge, and the hold times of simulated disturbances are left out, too.
     """
     names: set[str] = set()
 

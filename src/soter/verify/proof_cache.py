@@ -111,7 +111,7 @@ def _cached_proof(system: System, module: str) -> Proof | None:
 
 
 def _mark_of_entries(name: str) -> Path:
-    """A file that marks that the cache may have entries of this name and is to be searched."""
+    """A file that exists if the cache may have entries of this name, so that it is searched."""
     return cache_dir() / "verdicts" / name
 
 
@@ -159,10 +159,10 @@ def store_verdicts_of_file(
 
 
 def stored_verdicts_of_file(path: Path) -> list[dict[str, Any]]:
-    """The verdicts that this version of Soter stored for the program in `path`, latest first.
+    """The verdicts that this version of Soter stored of the program in `path`, latest text first.
 
-    Each has `program_sha256` and `modules` as passed to `store_verdicts_of_file`, and `when_s` in
-    seconds since 1970. The list is empty if nothing can be read.
+    Each has `program_sha256` and `modules` as `store_verdicts_of_file` was given them, with
+    `when_s`, seconds since 1970. Empty where nothing can be read.
     """
     try:
         file = _verdicts_file(path)

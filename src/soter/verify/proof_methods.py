@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 def module_entry(
     result: ModuleResult, system: str, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    """Gives a module's entry in a certificate, and adds the files that it names to `files`."""
+    """The module's entry in a manifest; the files that it names are added to `files`."""
     problem = result.problem
     plants = [c.name for c in problem.system.components if c.role == "plant"]
     claims = _claims_entry(result)

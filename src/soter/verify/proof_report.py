@@ -119,7 +119,7 @@ def _slice_through(cells: NDArray[np.uint8], axis: int, at: tuple[int, ...]) -> 
 
 
 def _cells_with_margin(edges: Floats, cells: NDArray[np.uint8]) -> tuple[Floats, NDArray[np.uint8]]:
-    """The edges and cells of a grid, with a margin outside it on both ends of the first axis."""
+    """Edges and cells with a margin outside the grid, along the first axis."""
     room = ROOM * (edges[-1] - edges[0])
     outside = np.full((1, *cells.shape[1:]), R1, dtype=np.uint8)
     wider = np.concatenate([[edges[0] - room], edges, [edges[-1] + room]])

@@ -69,10 +69,10 @@ class RefutationSearch:
 
 
 def search_leaving_run(system: System, module: str, budget_s: float = 10.0) -> RefutationSearch:
-    """Searches for a run from the initial states that leaves C, for `budget_s` CPU seconds.
+    """Looks for a run from the declared initial states that leaves C, for `budget_s` CPU seconds.
 
-    `system` is the verification system (`Problem.system`), or a flying system without externs;
-    `module` is the name of the module in this system.
+    `system`: the verification system (`Problem.system`; `module` is the name it has there), or a
+    real one without externs.
     """
     return _search_by_attacks(system, module, budget_s, _leaving_runs)
 
@@ -131,7 +131,7 @@ def _possible_attacks(system: System, index: int) -> tuple[list[_Attack], str]:
 
 
 def _confirmed_by_interpreter(candidate: Counterexample, system: System) -> Counterexample | None:
-    """The candidate with its recorded choices if a replay confirms them; None otherwise."""
+    """The candidate with its choices, if a replay of these alone confirms it; else None."""
     index = next(m.index for m in system.modules if m.name == candidate.module)
     variant = attacked_system(system, index, candidate.controller)
     recorder = Recorder(AdverseDraws(candidate.seed))

@@ -73,7 +73,7 @@ def module_proving_plant(flat: System, plant: Component) -> str:
 
 
 def _kept_range(module: Module, topic: int, leaf: int) -> tuple[float, float]:
-    """The range (low, high) that the conditions in `safe` set for a leaf."""
+    """The range (low, high) in which the single conditions of `safe` keep a leaf."""
     symbol = module.whole or module.symbol
     low, high = -math.inf, math.inf
     calculator = Calculator(Diagnostics(), module.scope.params)
@@ -222,7 +222,7 @@ def _law_key(problem: Problem) -> object:
 
 
 def flying_key(flat: System, module: Module) -> object:
-    """A key of the flying system around a module whose proof uses abstractions of plants."""
+    """A key of the whole flying system of a module whose plants are abstractions."""
     return (
         module.name,
         tuple((c.name, component_key(flat, c)) for c in flat.components),

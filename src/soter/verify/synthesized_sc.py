@@ -67,7 +67,7 @@ class CellCommands:
 
 @dataclass(frozen=True)
 class LawTable:
-    """A law as a table: the number of a command for each block (i_1, ..., i_d) of cells."""
+    """A law: a command's number for each block (i_1, ..., i_d) from `low` on, each `width` wide."""
 
     low: tuple[float, ...]
     width: tuple[float, ...]
@@ -121,9 +121,9 @@ def command_combinations(problem: Problem) -> list[tuple[float, ...]]:
 
 
 def _preferred_commands(inside: Bools, refused: Bools, moves: Sequence[Read]) -> Ints:
-    """The command for each block that leads soonest to blocks far from any harm.
+    """For each block the command that leads soonest to where an adversary needs longest for harm.
 
-    Value iteration on the blocks' middles finds it, with multilinear interpolation; it is no proof.
+    Value iteration on the middles finds it, with multilinear interpolation; it proves nothing.
     """
     start = np.where(inside, NEVER, 0.0)
     margin = _iterate_until_still(

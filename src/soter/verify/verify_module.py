@@ -276,7 +276,7 @@ def _enter_verdicts(result: ModuleResult, done: list[Case], unentered: str) -> N
 
 
 def _dm_finding(result: ModuleResult) -> Finding:
-    """The finding whether the DM's generated C decides as declared."""
+    """The finding that the generated C of the DM decides as declared."""
     from soter.verify.deploy.dm_check import check_module  # noqa: PLC0415 - compiles the DM
 
     began = time.perf_counter()

@@ -144,7 +144,7 @@ class Child:
         self._socket = ours
 
     def answer_to(self, question: bytes, patience_s: float | None) -> bytes:
-        """The child's answer to a question; if it comes too late, ends the child with DeadError."""
+        """The child's answer to a question; if it is late, ends the child and raises DeadError."""
         end = None if patience_s is None else time.monotonic() + patience_s
         try:
             self._send(HEAD.pack(len(question)) + question, end)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Exchange:
-    """The layouts of an extern node's requests and answers; `number` is 64 bits of a SHA-256."""
+    """The layouts of an extern node's requests and answers; `number`: 64 bits of their SHA-256."""
 
     request: Struct
     answer: Struct

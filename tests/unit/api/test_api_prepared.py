@@ -112,7 +112,7 @@ def test_only_so_much_is_kept(path: Path) -> None:
     first = program.simulate(params={"GAIN": 0.0}, **how).trace_sha256
     for i in range(KEPT_MAX + 3):
         program.simulate(params={"GAIN": float(i)}, **how)
-        assert len(program._prepared_systems._kept) <= KEPT_MAX
+        assert len(program._prepared._kept) <= KEPT_MAX
     assert program.simulate(params={"GAIN": 0.0}, **how).trace_sha256 == first
 
 

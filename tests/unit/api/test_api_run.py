@@ -101,7 +101,7 @@ def test_seeds_that_cannot_be(bound: soter.Program, seed: Any, engine: str) -> N
 def test_a_run_is_shown_in_a_line(bound: soter.Program) -> None:
     assert repr(bound.simulate()) == "<soter.Run One seed 1: 1 s, 0 violations>"
     assert len(repr(bound)) < 200
-    assert all(len(repr(p.native)) < 200 for p in bound._prepared_systems._kept.values())
+    assert all(len(repr(p.native)) < 200 for p in bound._prepared._kept.values())
 
 
 def test_topics_truths_and_modes(bound: soter.Program) -> None:

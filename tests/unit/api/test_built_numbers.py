@@ -178,7 +178,7 @@ class Made:
             return self.built
         assert isinstance(self.problem, TubeProblem)
         check = TubeCheck(self.problem)
-        check.cut = self.claims.cut
+        check.precision = self.claims.precision
         return [TubeLevels.of_check(check, self.claims.ways, rest_entry(check, self.claims))]
 
 

@@ -53,11 +53,11 @@ OTHER_MODULE = "the certificate is not about this module of this system"
 
 @dataclass(frozen=True, eq=False)
 class CertifiedProof:
-    """A certificate, and the reasons for which it supports nothing.
+    """What a certificate may support.
 
-    Each reason is "" if it does not apply: `rejected` by the re-checker; `not_rechecked`, neither
-    accepted nor rejected; `why`, anything else that keeps the certificate from supporting a goal.
-    `report` is the re-checker's report if it accepted the certificate.
+    `rejected`: why it is rejected, or ""; `not_rechecked`: why the re-checker neither accepts nor
+    rejects it, or ""; `why`: what else keeps it from supporting any goal, or "". `report`: the
+    re-checker's, if it accepted it.
     """
 
     path: str = ""
@@ -73,7 +73,7 @@ class CertifiedProof:
     def confirmed_reports(
         self, flat: System, module: Module, params: dict[str, str]
     ) -> tuple[list[RecheckedModule], str]:
-        """The re-checker's reports on this module, one for each view, or why it has no report."""
+        """The re-checker's reports on exactly this module, one a view, or why there are none."""
         if module.forced is not None:
             forced = module.forced.upper()
             return [], f"the module is forced to {forced}: its switch does not switch"
@@ -104,7 +104,7 @@ def certified_proof(
     progress: Progress | None,
     tell: Tell,
 ) -> CertifiedProof:
-    """Compares a certificate with a system; calls `tell` on a misfit. Raises D006, D007, D009."""
+    """What a certificate supports of a system; `tell` gets misfits. Raises D006, D007, D009."""
     if cert is None:
         return CertifiedProof(why="no certificate was given (--cert DIR)")
     known = _compared_certificate(Path(cert), flat, params)
@@ -125,7 +125,7 @@ def certified_proof(
 
 
 def _compared_certificate(folder: Path, flat: System, params: dict[str, str]) -> CertifiedProof:
-    """Reads a certificate, and compares its seal, hashes, program and parameters."""
+    """Reads a certificate, with fast tests of its seal, hashes and the manifest's subject."""
     from soter.certificate.reading.folder import (  # noqa: PLC0415 - needs NumPy
         NotACertificateError,
         read_certificate,
@@ -159,7 +159,7 @@ def _compared_certificate(folder: Path, flat: System, params: dict[str, str]) ->
 
 
 def _other_program_note(flat: System, certified: CheckResult, overrides: dict[str, Any]) -> str:
-    """Notes that the certificate has another program, and which modules pose the same problem."""
+    """Says that a certificate is of another program, and which modules pose the same problem."""
     from soter.verify.posed_problems import posed_problems_in  # noqa: PLC0415 - needs the prover
 
     try:

@@ -50,13 +50,13 @@ PLACE = re.compile(r"(.*?)(?:, (\S+:\d+))?", re.DOTALL)
 def trace_conditions(
     case: SafetyCase, declared: System, flat: System, tested: list[tuple[str, Shown]]
 ) -> None:
-    """Adds the traces from conditions in the C to a case that has all other traces.
+    """Adds the traces of conditions in the C to a case that has all other traces.
 
     `declared` is the system before its predicates were computed, `flat` the one after. The check of
     decision modules is skipped if predicates had to be computed, as it takes too long. `tested`
     lists earlier runs with the conditions that each showed.
 
-    A run covers a condition if it shows, with the runs before it, that the condition decides alone.
+    A condition is covered by the first run that shows, with all before it, that it decides alone.
     """
     builder = UnitBuilder(flat, lower(flat), None)
     unit = builder.build_unit()
@@ -90,7 +90,7 @@ def trace_conditions(
 
 
 def _root_functions(builder: UnitBuilder, flat: System, name: str) -> list[str]:
-    """The C functions that a property depends on; for a test, those of all nodes and modules."""
+    """The C functions that a property is about; for a test, those of all nodes and modules."""
     for p in flat.properties:
         if p.component is None and " ".join(f"{p.kind} {p.text}".split()) == name:
             return [f"{builder.prefix}_property_{p.index}"]

@@ -43,7 +43,7 @@ NUMBERS = 2**31
 
 @dataclass(frozen=True)
 class ReplayedFlights:
-    """The result of flying flights again. `why` says what is missing, or is "" if all are equal."""
+    """Flights flown again. `why` says what is missing, or is "" if each equals its record."""
 
     goal: str
     text: str
@@ -53,7 +53,7 @@ class ReplayedFlights:
 
 @dataclass(frozen=True)
 class FlightFolder:
-    """The folder of a campaign: `about` describes it; `rows`, from `file`, has a row per flight."""
+    """A campaign's folder. `about`: what was flown; `rows`: a row for each flight, from `file`."""
 
     file: Path
     sha256: str
@@ -68,7 +68,7 @@ def replay_flights(
     record: FlightFolder,
     most: int,
 ) -> ReplayedFlights:
-    """Flies up to `most` flights again: first those with violations, then an even choice."""
+    """Flies up to `most` flights again: first those with violations, then some evenly spaced."""
     about, rows = record.about, record.rows
     total = f"{len(rows):,} flights of {about['until_ns'] / 1e9:g} s as recorded, "
     total += f"{sum(int(r['violations']) for r in rows)} violations"
@@ -129,7 +129,7 @@ def _why_not_flown(flat: System, about: dict[str, Any]) -> str:
 
 
 def _chosen_flights(rows: list[dict[str, str]], most: int) -> list[dict[str, str]]:
-    """Chooses at most `most` rows: first those with violations, then evenly spaced others."""
+    """At most `most` rows, each once: first those with violations, then some evenly."""
     if most <= 0:
         return []
     each = list({int(r["number"]): r for r in rows}.values())
@@ -140,7 +140,7 @@ def _chosen_flights(rows: list[dict[str, str]], most: int) -> list[dict[str, str
 
 
 def read_flights(folder: Path) -> FlightFolder:
-    """Reads the folder of a campaign. Raises D006 if the folder is wrong or unreadable."""
+    """Reads the folder of a campaign. Raises D006 if it is no such folder, or unreadable."""
     file = folder / "flights.csv"
     try:
         about = json.loads(read_json_text(folder / "campaign.json"))
@@ -178,7 +178,7 @@ def _require_sound_campaign(about: dict[str, Any], rows: list[dict[str, str]]) -
 
 @dataclass(frozen=True)
 class Evidence:
-    """A system's test report and campaign. `report_by_test` maps each test to its result."""
+    """The files beside a certificate; `report_by_test`: by test, what its report says."""
 
     program: Program
     flat: System
@@ -293,7 +293,7 @@ def _report_fault(test: dict[str, Any] | None, sha256: str) -> str:
 
 
 def _tests_in_report(path: Path) -> dict[str, dict[str, Any]]:
-    """Maps each test to its result in a file of `soter test --json`. Raises D005 or D006."""
+    """Maps each test to its entry in a file of `soter test --json`. Raises D005 or D006."""
     try:
         document = json.loads(read_json_text(path))
         sha256, tests = document["program_sha256"], document["tests"]

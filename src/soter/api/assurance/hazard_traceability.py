@@ -58,7 +58,7 @@ NUMBER = re.compile(r"(?<![\w.])(?<![\w\]]\[)-?\d[\d.e+-]*")
 
 @dataclass(frozen=True)
 class HazardRow:
-    """A row of a file of hazards; it traces to requirement ids or property names. `span`: place."""
+    """A row of a file of hazards, at `span`; `traces_to`: requirement ids or property names."""
 
     kind: str
     id: str
@@ -123,7 +123,7 @@ def _hazard_rows(source: Source, diagnostics: Diagnostics) -> Iterator[HazardRow
 
 
 def _csv_records(source: Source, diagnostics: Diagnostics) -> Iterator[tuple[list[str], Span]]:
-    """Yields each record with its place; stops with a diagnostic at the first invalid record."""
+    """Yields each record with its place; stops with a diagnostic at the first that is not CSV."""
     lines = list(StringIO(source.text, newline=""))
     ends = [0]
     for line in lines:
@@ -215,14 +215,14 @@ ANSWERS = (
 
 @dataclass(frozen=True)
 class Tracing:
-    """The file of hazards, if any; `how` maps each property to the evidence that shows it."""
+    """A file of hazards that fits a system, or None; `how`: by property, how it is shown."""
 
     file: HazardFile | None
     how: dict[str, str]
 
     @staticmethod
     def read_tracing(path: Path | None, flat: System) -> Tracing:
-        """Reads a file of hazards. Raises D006, and D021 for a row that names unknown things."""
+        """Reads a file of hazards. Raises D006, or D021 if a row names what the system lacks."""
         tracing = Tracing(None if path is None else read_hazards(path), _traceable_properties(flat))
         if tracing.file is not None:
             _require_traces(tracing.file.rows, tracing.how)
@@ -305,7 +305,7 @@ def _check_acyclic(by_id: Mapping[str, HazardRow], diagnostics: Diagnostics) -> 
 
 
 def reached_properties(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
-    """Maps each row's id to the properties that it reaches, directly or through other rows."""
+    """Maps each row's id to the properties it reaches, also through other rows, each once."""
     by_id = {r.id: r for r in rows}
     reached: dict[str, list[str]] = {}
     graph = {r.id: [t for t in r.traces_to if t in by_id] for r in rows}
@@ -318,7 +318,7 @@ def reached_properties(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
 def _traced_items(
     rows: Sequence[HazardRow], reached: dict[str, list[str]], status: dict[str, str]
 ) -> Iterator[TracedItem]:
-    """Yields the item of each row, with its status from its properties and requirements."""
+    """Yields the item of each row, supported if all its properties and requirements are."""
     by_id = {r.id: r for r in rows}
     words: dict[str, str] = {}
     for id_, names in reached.items():
@@ -353,7 +353,7 @@ def _untraced_properties(properties: Sequence[TracedProperty]) -> Iterator[OpenI
 
 
 def _owner_gaps(assumptions: Sequence[CaseNode], rows: Sequence[HazardRow]) -> Iterator[OpenItem]:
-    """Sets owners of assumptions and yields rows that match none. May raise SoterError D021."""
+    """Sets owners of assumptions; yields unmatched rows as open, or raises SoterError D021."""
     known = {n.key for n in assumptions}
     groups = {_is_test_assumption(key) for key in known}
     diagnostics = Diagnostics()

@@ -203,7 +203,7 @@ class _Expansion:
         return _Text(f"{first} {e.op} {right.bracketed(beside)}", binds)
 
     def field_text(self, e: typed.TypedField, env: dict[typed.Variable, _Text]) -> _Text:
-        """The text of a field; for a record literal, only the text of that field."""
+        """The text of a field; if the record is written out, only the text of that field."""
         target = self.expression_text(e.target, env)
         assert isinstance(e.target.type, RecordType)
         name = e.target.type.fields[e.index][0]
@@ -261,7 +261,7 @@ class _Expansion:
         return result
 
     def kept_call_name(self, fun: typed.FunSymbol) -> str:
-        """Gives the name of a function that stays a call; notes its source for the reader."""
+        """The name of a function that stays a call; notes its source and those it calls."""
         short = fun.name.rpartition(".")[2]
         if fun.prelude:
             return short

@@ -75,7 +75,7 @@ def check_compiled(
 ) -> tuple[str, str, bool]:
     """Compares a DM's C with the model: a summary, why it is not enough, and whether they differ.
 
-    `flat`: as declared; `entries`: one for each view; the second text is "" if the check suffices.
+    `flat`: as declared; `entries`: the certificate's, one a view; the second text: "" if enough.
     """
     from soter.verify.deploy.dm_check import check_problem  # noqa: PLC0415 - compiles
     from soter.verify.problem.extract import extract  # noqa: PLC0415 - needs NumPy
@@ -227,7 +227,7 @@ def _vacuous_sentences(used: Sequence[RecheckedModule]) -> list[str]:
 
 
 def _top_goal_text(flat: System) -> str:
-    """The text of the top goal: the system stays safe as long as its trusted part runs."""
+    """The text of the top goal: safe while the trusted part runs (a later law has its own goal)."""
     kept = " and ".join(f"`{_safe(m)}`" for m in flat.modules) or "nothing"
     return (
         f"System {flat.name} keeps {kept} for as long as its trusted part runs, in every run that "
@@ -365,9 +365,9 @@ def assure(
     `tests`: explore them now; `flights`: how many flights of the campaign to fly again; `hazards`:
     a CSV file of hazards, requirements and owners of assumptions (docs/assure.md); `trace`: also
     write `trace.csv`, which leads from these rows to conditions of the generated C and to the runs
-    that cover them; `tell` is called early with each misfit. Raises SoterError D009 without a
-    certificate, D005 for a wrong report, D021 for wrong hazards, D006 if a file cannot be read or
-    written, D007 without the extra `prove`, and all errors of `Program.flat`.
+    that cover them; `tell` is called first with what does not fit the program. Raises SoterError
+    D009 without a certificate, D005 for a wrong report, D021 for wrong hazards, D006 if a file
+    cannot be read or written, D007 without the extra `prove`, and all errors of `Program.flat`.
     """
     require_flint()
     from soter.certificate.scope import param_values  # noqa: PLC0415 - needs NumPy
@@ -421,7 +421,7 @@ def _add_test_goals(
 
 
 def _add_top_contexts(case: SafetyCase, flat: System, top: CaseNode) -> None:
-    """Adds the contexts of the top goal: faults in runs, and that tests do not support it."""
+    """Adds the contexts of the top goal: faults in runs, and on which evidence it does not rest."""
     if flat.faults:
         faulty = CaseNode("C-faults", "context", "runs with the `faults` of the system")
         case.add(faulty, beside=top)

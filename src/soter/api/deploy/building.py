@@ -100,7 +100,7 @@ def _left_out_bindings(bindings: Bindings) -> list[str]:
 
 
 def built_image(package: Package, board: str | None, stack: StackBound) -> Image | None:
-    """Builds the image of a package for a board; None if the package needs no image.
+    """Builds the image of a package for a board; None without a board. See `build_image`.
 
     `stack`: the stack bound of the package. Raises SoterError X015 if the board has less stack.
     """

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def recorded_inputs(system: System, until_ns: int, seed: int) -> Recording:
-    """Records the values of input topics in a run of the proved system, in order of time.
+    """Records the values of topics from outside in a run of the proved system, in order of time.
 
     [] if no other system was proved or it has unbound externs. Raises as `NativeProgram` does.
     """

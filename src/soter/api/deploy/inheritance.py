@@ -43,7 +43,7 @@ levels that is chosen."""
 
 @dataclass
 class DeploymentReport:
-    """Reports on the proof that a system inherits: `lines` for people, `document` for code."""
+    """What a system inherits. `lines`: for people; `document`: for programs and the package."""
 
     certificate: str = ""
     lines: list[str] = field(default_factory=list)
@@ -64,7 +64,7 @@ def inheritance_report(here: System, cert: str | Path | None) -> DeploymentRepor
 
     Raises SoterError D019 if something from outside is not covered; D020 if the certificate is
     rejected, not re-checked or about another program; D009 and D007 as `recheck` does; U001 for a
-    certificate of a system that deploys no other.
+    certificate if `here` deploys no other.
     """
     target_system = here.proved
     if target_system is None:
@@ -125,7 +125,7 @@ class _CertifiedTables:
         return certified_sets(self._certificate, reports[0].system, problem.name, problem)
 
     def check_build(self, problem: Problem, level_tables: Sequence[LevelTable] | None) -> None:
-        """Raises SoterError D020 if the module is built with tables that are not certified."""
+        """Raises SoterError D020 if the module is built with figures that are not certified."""
         from soter.verify.deploy.proof_transfer import difference_from_certificate  # noqa: PLC0415 - needs NumPy
 
         reports, name = self.confirmed.get(problem.name, []), problem.name
@@ -250,7 +250,7 @@ def _local_names(proved: System, home: Path) -> dict[str, str]:
 
 
 def _confirmed_modules(report: Report, proved: System) -> dict[str, list[RecheckedModule]]:
-    """Maps each module of the proved system to the reports on all its views. Raises D020."""
+    """Maps each module of the proved system to the reports on its views. Raises D020."""
     from soter.certificate.scope import param_values  # noqa: PLC0415 - an extra
 
     short = proved.name.removeprefix(_prefix_of(proved.name))
@@ -271,7 +271,7 @@ def _confirmed_modules(report: Report, proved: System) -> dict[str, list[Recheck
 
 
 def _local_name(name: str, names: dict[str, str]) -> str:
-    """The name in this program of a parameter of the certificate or of an instance in it."""
+    """The name in this program for a parameter of the certificate, also an instance's one."""
     declared = name
     while declared not in names and "." in declared:
         declared = declared.partition(".")[2]

@@ -44,7 +44,7 @@ def row_values(make: Operations, rows: Rows) -> Value:
 
 @remembered_with_doubts
 def element_at(make: Operations, elements: Sequence[Value], index: Linear) -> Value:
-    """The element at an index that depends on inputs; raises NotRecheckedError if not a number."""
+    """The element at an index that depends on inputs; NotRecheckedError if they are no numbers."""
     first = elements[0]
     if isinstance(first, tuple) and all(type(x) in (float, int) for x in first):
         return Rows(elements, index)

@@ -71,9 +71,9 @@ CELLS_IN_A_BYTE = 4
 
 
 def estimate_error(facts: Facts, state: int) -> float:
-    """The error bound of a state's estimate, in the topic leaf that shows the state.
+    """The error bound of a state's estimate, in the topic leaf that is its axis.
 
-    Raises NotRecheckedError if no topic shows the state.
+    NotRecheckedError where no topic has the state as its axis.
     """
     if state not in facts.leaves:
         raise NotRecheckedError(f"no topic carries `{facts.states[state].name}` as its axis")
@@ -127,7 +127,7 @@ def eroded_cells(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
 def estimates_of_states_outside(
     model: CaseModel, group: GroupTables, claimed: NDArray[np.bool_], inside: Cells, block: Block
 ) -> Iterator[Block]:
-    """Yields the `claimed` cells (shaped as the grid) whose estimates may be of states outside."""
+    """The `claimed` cells (shaped as the grid) whose estimates may be of states not `inside`."""
 
     def attempt(at: Block) -> bool:
         return inside.contains(estimates_around(model, group, group.grid.box_of(at)))
@@ -138,9 +138,9 @@ def estimates_of_states_outside(
 def estimates_driven_out(
     check: FreeCheck, claimed: NDArray[np.bool_], within: Cells, block: Block
 ) -> Iterator[Block]:
-    """Yields `claimed` cells from whose states some command may drive a state out of `within`.
+    """The `claimed` cells of estimates behind which commands may drive a state out of `within`.
 
-    `claimed`: shaped as the grid. Any command may act, for the time of `check`.
+    `claimed`: shaped as the grid. Any command acts, for the time of `check`.
     """
     grid = check.group.grid
 
@@ -209,9 +209,9 @@ def _ac_steps_with_plants(facts: Facts) -> bool:
 
 
 def _do_nodes_pass_commands_on(facts: Facts) -> bool:
-    """Whether nodes that run with SC are in its thread and depend on commands alone.
+    """Whether nodes behind SC in its instant run in its thread, and read commands alone.
 
-    A node that also reads sensors or keeps locals must show its outputs to the proof's plants.
+    A node that reads sensors, too, or keeps locals must show its outputs to the proof's plants.
     """
     system, names = facts.flying, {n for kind, n in facts.ways.notes if kind == "in step"}
     nodes = [(c, c.node) for c in system.components if c.node is not None and c.name in names]

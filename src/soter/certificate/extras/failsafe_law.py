@@ -55,7 +55,7 @@ def read_law(
 ) -> FailsafeLaw:
     """Reads the law and its groups from the entry of a module; `read` gives a case's groups.
 
-    Raises RejectedError if no claim lets the law begin in K, or if its cells differ from SC's.
+    Raises RejectedError if no claim says that the law begins in K, or its cells are not SC's.
     """
     if {*BEGINS} & {*missing_properties(entry["claims"], [*claims])}:
         raise RejectedError("failsafe: nothing says that the law begins where it keeps `safe`")

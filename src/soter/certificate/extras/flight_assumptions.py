@@ -48,10 +48,10 @@ READS_MAX = 4096
 
 @dataclass(eq=False)
 class _Sensor:
-    """The times at which a topic must be published, by a plant or by an external sensor.
+    """The times at which a topic has to be published, by a plant or by a sensor from outside.
 
-    `apart_ns`: the longest allowed time between publications; `delay_ns`: the greatest age of a
-    value when the sensor publishes it.
+    `apart_ns`: the longest time between publications without a silence; `delay_ns`: the greatest
+    age of what a sensor publishes.
     """
 
     apart_ns: int
@@ -240,7 +240,7 @@ class LoggedAssumptions:
             outputs.next_release = asked + (outputs.phase - asked) % outputs.period
 
     def why_not_one_instant(self, ages: Mapping[str, int]) -> Iterator[str]:
-        """Yields why reads of these ages (ns, by topic) cannot all be of the same instant."""
+        """Why reads of these ages (ns, by topic) under one verdict "AC" are not of one instant."""
         for one, other in combinations([n for n in ages if n in self._sensors], 2):
             a, b = self._sensors[one], self._sensors[other]
             if a.releases != b.releases:

@@ -326,7 +326,7 @@ def open_flights(folder: Path, logs: Sequence[str]) -> Flights | None:
     """Opens logs with the certificate in a folder; None if the certificate cannot be read.
 
     Raises SoterError D006 for a file that is no log, D007 if `mcap` is not installed, D023 for a
-    log of another program; NotACertificateError if the folder has no certificate.
+    log that the certificate is not about; NotACertificateError if the folder has no certificate.
     """
     require_log_package()
     try:

@@ -136,7 +136,7 @@ def _error_in_words(error: Exception) -> str:
 
 
 def jump_assumptions(facts: Facts, jumps: Jumps) -> Said:
-    """Yields the assumptions on changes of topics that the state of a view depends on."""
+    """Yields the assumptions on when the topics change that a view's state rests on."""
     for link in facts.symbol.verify.abstracts:
         tried = jumps.get(link.name, ())
         kept = {j.topic for j in tried if not j.why}

@@ -113,7 +113,7 @@ def leave_out_states(facts: Facts, names: Collection[str]) -> None:
 
 
 def refuse_reads_of_left_out_states(model: CaseModel) -> None:
-    """Raises RejectedError if a claim depends on a left-out state, or this state may end a run.
+    """Raises RejectedError if a claim depends on a left-out state, or such a state may end.
 
     Raises NotRecheckedError if the rate of a left-out state may be undefined.
     """

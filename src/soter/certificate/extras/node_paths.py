@@ -163,7 +163,7 @@ class NodeEffect(Effect):
 
 @dataclass
 class NodeWays(Ways):
-    """The ways between plants and a module through nodes and parts of an abstracted vehicle."""
+    """The ways of a module over nodes, and to what belongs to an abstraction."""
 
     number: Callable[[typed.TypedExpr], int]
     """The value of a time of the `verify` block."""
@@ -329,7 +329,7 @@ class NodeWays(Ways):
         return any(index in (i, self.system.topics[i].queue_of) for i in c.reads)
 
     def _require_each_step(self, c: Component, index: int) -> None:
-        """Raises NotRecheckedError unless a node publishes a topic in each step (or is extern)."""
+        """NotRecheckedError unless a node publishes a topic in every step; assumed of an extern."""
         assert c.node is not None
         if c.node.extern:
             self.notes["extern", c.name] = None

@@ -82,7 +82,7 @@ def prelude_function(make: Operations, name: str, *operands: Value) -> Linear:
     |y|, or 1 + u times as much for the rounded double, and `TINIEST` if y is subnormal: the error
     is a share of |y| plus a constant. A flow uses y. Doubts that the result rests on: the argument
     is in the domain, and `exp` is finite. After whole turns an argument has `FAR_TURNS` more
-    rounding. Raises NotRecheckedError for an unknown bound.
+    rounding. Raises NotRecheckedError for a bound of another kind.
     """
     bound, numbers = BOUNDS[name], [make.finite_term(x) for x in operands]
     if bound.relative:

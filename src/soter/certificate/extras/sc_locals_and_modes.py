@@ -118,7 +118,7 @@ def published_in_every_step(
     with_modes: Callable[[Any], Callable[[Any], dict[int, Any]]],
     claimed: Ranges,
 ) -> Iterator[dict[int, Any]]:
-    """Yields the values that SC may publish, for each combination of modes and of SC's locals."""
+    """Yields what SC may publish: `with_modes(modes)(locals)` for every combination of both."""
     for modes in mode_combinations(sc.step):
         published = with_modes(modes)
         for known_locals in combinations_of_locals(terms, sc.locals, claimed):
@@ -128,7 +128,7 @@ def published_in_every_step(
 def combinations_of_locals(
     terms: Terms, variables: Sequence[typed.Variable], claimed: Ranges
 ) -> Iterator[dict[typed.Variable, Any]]:
-    """Yields every combination of values of locals; `claimed` has the ranges of floats."""
+    """Every combination of values of locals, or an empty one; `claimed`: ranges of floats."""
     parts: list[Any] = [
         ends or of
         for v in variables

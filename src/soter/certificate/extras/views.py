@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 def module_in_view(module: Module, name: str) -> Module:
-    """The module with the parts that view `name` shows; NotRecheckedError if it has no view so."""
+    """The module with the parts that view `name` shows; `NotRecheckedError` for no such view."""
     symbol = module.symbol
     named = [v for v in symbol.verify.views if v.name == name]
     if len(named) != 1:

@@ -72,7 +72,7 @@ class FormLayout:
     depth: int
 
     def form_length(self, *, fresh: bool) -> int:
-        """The number of numbers in a form; `fresh`: the form has states but no commands."""
+        """How many numbers a form has; `fresh`: a form of states alone, without commands."""
         n, memories = self.n, 0 if fresh else self.depth * self.q
         return (4 + n) * (n + memories) + n * memories
 

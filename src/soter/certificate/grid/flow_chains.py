@@ -123,7 +123,7 @@ class FlowChain:
 
     @property
     def may_sample_elsewhere(self) -> bool:
-        """Whether SC's sample may be a state from before the beginning of a hold."""
+        """Whether SC's sample may be another state than the one at the beginning of a hold."""
         return self.depth > 0 or self.times.anew
 
     @cached_property
@@ -157,7 +157,7 @@ class FlowChain:
     def last_switch_boxes(self, pieces: int, form: Form) -> Image:
         """The boxes in [0, e + l] after N delta - e, while the latest command may still act."""
         start = self.layout.take_apart(form, None)
-        return (), self._lead_over_steps(
+        return (), self._lead_over(
             start, self._acting_command(start), [(self.span / pieces, NOW)] * pieces
         )[1]
 
@@ -165,7 +165,7 @@ class FlowChain:
         """The boxes over [0, time] s under any commands."""
         start = self.layout.take_apart(form, self.flow.ranges * self.depth)
         spans = [(time / pieces, NOW)] * (pieces if time else 0)
-        return (), self._lead_over_steps(start, self._any_commands(start), spans)[1]
+        return (), self._lead_over(start, self._any_commands(start), spans)[1]
 
     def _lead_over_hold(self, start: OpenedForm, pieces: int, *, fresh: bool) -> Image:
         """Follows a form over a hold: gives the form at its end, and the boxes on the way.
@@ -179,13 +179,13 @@ class FlowChain:
         (`_lead_over_step`); until `early` the old command may act (`_effect_of_old_command`).
         """
         new = self._answer_of_sc(start, fresh=fresh)
-        way, boxes = self._lead_over_steps(
+        way, boxes = self._lead_over(
             start, new, self.spans(pieces * self.least_pieces, fresh=fresh)
         )
         return self.layout.put_together(start, way, new), boxes
 
     def spans(self, count: int, *, fresh: bool) -> list[tuple[Fraction, Fraction]]:
-        """The steps of a hold: the length of each in s, and how long old commands act in it."""
+        """The steps of a hold: how long each is in s, and how long old commands may act in it."""
         early = NOW if fresh else self.span
         whole = self.delta - self.times.early if fresh else self.delta
         if count == 1 and not self.flow.apart:
@@ -317,7 +317,7 @@ class FlowChain:
         return placed
 
     def _integral_to_reads(self, local: Enclosure, begin: Fraction, end: Fraction) -> Rows:
-        """The integral of e^{As} from now to any instant of a span, minus shared-age parts."""
+        """The integral of e^{As} from now to instants of a span, less what shared ages add."""
         return self.flow.exp_integral(local, begin, end)
 
     def _enter_shared_ages(
@@ -349,7 +349,7 @@ class FlowChain:
 
     # ------------------------------------------------------------ one step
 
-    def _lead_over_steps(
+    def _lead_over(
         self, start: OpenedForm, new: CommandRows, spans: Sequence[tuple[Fraction, Fraction]]
     ) -> tuple[StateRows, Boxes]:
         """Follows states over steps under the commands `new`: gives end states and boxes."""

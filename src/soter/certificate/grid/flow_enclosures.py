@@ -212,7 +212,7 @@ class SolvedFlow(KeptEnds):
         return rates, others
 
     def _noise_and_gains(self, start: Fraction, end: Fraction) -> tuple[list[arb], Rows]:
-        """Bounds on the effect of disturbances on each state, and of each command in [-1, 1]."""
+        """Bounds on what disturbances add to each state, and what each command in [-1, 1] adds."""
         flow, columns = self.flow, range(len(self.moves))
         gains = [flow.noise_bounds([[row[k]] for row in flow.b], start, end) for k in columns]
         rows = [[gain[i] for gain in gains] for i in range(self.n)]

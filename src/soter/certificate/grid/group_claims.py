@@ -99,7 +99,7 @@ class GroupTables(Axes):
 
 @dataclass(frozen=True)
 class _TargetCells:
-    """The cells that runs from a box, and from beyond the axes' ends, must reach."""
+    """Cells in which runs from a box, and runs from beyond the ends of axes, are to be."""
 
     cells: Cells
     start: list[tuple[arb, arb]]

@@ -74,7 +74,7 @@ the sample was that it answers."""
 
 
 def is_grid_never_left(model: CaseModel, states: Sequence[int]) -> bool:
-    """Whether surely no run leaves the grid of a group, which no command may move."""
+    """Whether no run leaves the grid of a group that no command moves; False where uncertain."""
     if model.facts.kind != "flow" or LocalFlow(model, states).moves:
         return False
     return all(low and high for low, high in uncrossed_ends(model, states))
@@ -221,7 +221,7 @@ def sc_chain(
 def free_phase_steps(
     model: CaseModel, members: Sequence[int], time_ns: int, pieces: int
 ) -> tuple[Step, ...]:
-    """Functions that follow a form over [0, time] under any commands; a map has one for a step."""
+    """Functions that lead a form over [0, time] under any commands; a map's step each instant."""
     if model.facts.kind == "map":
         steps: tuple[Step, ...] = extras.maps.map_steps_in_time(model, members, time_ns)
         return steps

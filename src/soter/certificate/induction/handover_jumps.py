@@ -154,7 +154,7 @@ def _paths_read(e: object, topic: typed.TopicSymbol, path: Path = ()) -> Iterato
 
 @dataclass
 class _Step:
-    """The effects of a step: the locals after it, values published and read, and its fault."""
+    """The effects of a step: locals after it, topic -> (whether published, value), fault, reads."""
 
     behind: tuple[Term, ...]
     published: dict[int, tuple[Term, Term]]

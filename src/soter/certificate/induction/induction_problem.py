@@ -82,12 +82,12 @@ class InductionFacts:
 
     @property
     def settled_at(self) -> int:
-        """The start of the first hyperperiod, in ns, before which every actor was released once."""
+        """The first beginning of a hyperperiod, in ns, by which every actor was released once."""
         return -(-max(c.phase_ns for c in self.actors) // self.hyperperiod) * self.hyperperiod
 
 
 def read_induction(flat: System, name: str) -> InductionFacts:
-    """Reads a module's problem; raises RejectedError or NotRecheckedError if it is unsuitable."""
+    """Reads a module's problem; RejectedError, NotRecheckedError where it is none, or unknown."""
     matches = [m for m in flat.modules if m.name == name]
     if len(matches) != 1:
         raise RejectedError(f"system `{flat.name}` has no module `{name}`")

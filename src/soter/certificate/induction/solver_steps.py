@@ -101,7 +101,7 @@ class SolverOperations:
         return COMPARED[op](a, b)
 
     def arithmetic(self, op: str, a: Term, b: Term) -> Term:
-        """`a op b` for `+ - * / %`; raises NotRecheckedError for a division by an unknown."""
+        """`a op b` of scalars for `+ - * / %`; NotRecheckedError for a division by an unknown."""
         if is_known(a) and is_known(b):
             return INTS[op](a, b) if isinstance(a, int) else FLOATS[op](a, b)
         if is_float(a) or is_float(b):
@@ -134,7 +134,7 @@ class SolverOperations:
         return z3.If(b < a if name == "min" else b > a, as_term(b), as_term(a))
 
     def result_of_builtin(self, name: str, x: Term) -> Term:
-        """The result of a built-in function; raises NotRecheckedError for `int` of a float."""
+        """The result of a built-in function of a scalar; NotRecheckedError for `int` of a float."""
         if is_known(x):
             return BUILTINS[name](x)
         if name == "abs" and not is_float(x):

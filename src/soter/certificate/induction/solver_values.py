@@ -232,7 +232,7 @@ def choose(c: Term, a: Term, b: Term) -> Term:
 
 
 def within_bounds(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
-    """The term that a value may be published on a topic, as it is in its bounds and type."""
+    """The term that a value may be published on a topic: it lies within its bounds and its type."""
     parts = part_types(t)
     if parts is not None:
         conditions, at = [], 0

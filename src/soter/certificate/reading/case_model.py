@@ -152,7 +152,7 @@ class CaseModel:
     # ------------------------------------------------------------ SC and predicates
 
     def sc_commands(self, terms: Terms, states: Sequence[Linear]) -> list[Linear]:
-        """The terms that SC publishes when it reads these states, for any locals and modes.
+        """The terms of what SC publishes when it reads these states, for any locals and modes.
 
         Adds obligations: SC's step does not fault, and each command is in its set. Raises
         NotRecheckedError if a step may publish no command.

@@ -169,7 +169,7 @@ class TimingSetting:
         return max(release + self.sc.late, waited)
 
     def latest_action(self, release: int) -> int:
-        """The latest time at which all components act on the output of this release."""
+        """The latest instant at which all components of the output of this release act."""
         return self.latest_effect(release, self.latest_start(release))
 
     def latest_effect(self, release: int, start: int) -> int:
@@ -224,7 +224,7 @@ class DerivedTimes:
 
 
 def releases_in_hyperperiod(of: Clock, periods: Sequence[int], after: int = 0) -> Iterator[int]:
-    """Yields a clock's releases in a hyperperiod; raises NotRecheckedError if too many."""
+    """The releases of a clock in one hyperperiod; NotRecheckedError beyond `RELEASES_MAX`."""
     count = lcm(of.period, *periods) // of.period
     if count > RELEASES_MAX:
         raise NotRecheckedError(f"`{of.name}` meets the others in a new way for {count:,} releases")
@@ -279,9 +279,9 @@ def _greatest_age_for_ac(setting: TimingSetting, read: TopicReading) -> int:
 
 
 def _greatest_ages_of_sc_reads(setting: TimingSetting) -> tuple[int, int, dict[str, int]]:
-    """The greatest age of states that SC reads, their age when commands act, and ages of stamps.
+    """Greatest age of a state that SC reads, its age when the command for it acts, ages of stamps.
 
-    Ages of states count drop-outs; ages of stamps, which are by topic, do not.
+    Ages of states count drop-outs; those of stamps, by topic, do not.
     """
     age, delay, stamps = 0, 0, dict.fromkeys((r.name for r in setting.by_sc), 0)
     for t in setting.settled_releases():

@@ -217,7 +217,7 @@ def _folder_entries(at: Path) -> Iterator[tuple[Path, os.stat_result]]:
 
 
 def _read_file(folder: Path, name: str, size: int) -> bytes:
-    """The bytes of a plain file; raises RejectedError unless it has `size` bytes."""
+    """A plain file's bytes; RejectedError unless `size` many, NotRecheckedError if unreadable."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     try:
         with os.fdopen(os.open(folder / name, flags), "rb") as file:
@@ -367,7 +367,7 @@ def require_keys(entry: object, names: str, holder: str, optional: str = "") -> 
 
 
 def stated_assumptions(manifest: dict[str, Any]) -> list[RecheckAssumption]:
-    """The assumptions that the prover wrote. Raises RejectedError unless they are text pairs."""
+    """The assumptions that the prover wrote; RejectedError unless they are a list of text pairs."""
     stated = manifest.get("assumptions", [])
     if not isinstance(stated, list) or any(
         not isinstance(pair, list) or [*map(type, pair)] != [str, str] for pair in stated

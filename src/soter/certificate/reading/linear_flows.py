@@ -76,7 +76,7 @@ class LinearFlow:
         )
 
     def noise_bounds(self, columns: Rows, start: Fraction, end: Fraction) -> list[arb]:
-        """Bounds on the effect of |w| <= 1 on each state in [start, end]; `columns`: of W."""
+        """Bounds on what |w| <= 1 adds to each state in [start, end]; `columns` stand for W."""
         most = [ZERO] * len(columns)
         back = [[-x for x in row] for row in self.a]
         for time, a in ((-start, back), (end, self.a)):

@@ -143,7 +143,7 @@ class Facts:
     def verdict_delay_ns(self) -> int:
         """The longest time in ns from a state until a verdict on it or a later state is in force.
 
-        A read is at most A old, so from A after the state every DM sees it. The next DM is due
+        A read is at most A old, so from A after the state on, every DM sees it. The next DM is due
         within Delta, starts late and answers late.
         """
         t = self.times
@@ -185,7 +185,7 @@ class Facts:
         return [c for c in self.flying.components if c.module == index and c.role in ("ac", "sc")]
 
     def topics_read_by_dm(self, ttf: typed.TypedExpr | None) -> list[typed.TopicSymbol]:
-        """The topics that `safer` and this form of `ttf` read; none if predicates are computed."""
+        """The topics that `safer` and this form of `ttf` read; a computed predicate adds none."""
         return list(topic_reads(*(p for p in (ttf, self.symbol.safer) if p is not None)))
 
     def parameter_combinations(self) -> Iterator[tuple[int, ...]]:
@@ -244,7 +244,7 @@ def reads_mode(code: Iterable[object]) -> bool:
 
 
 def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:
-    """The topics that move a plant without being outputs of the module, in reading order."""
+    """The topics that move a plant and are no outputs of the module, in the order of its reads."""
     assert c.plant is not None
     moves = [*(e for _, e in c.plant.lets), *c.plant.der.values(), *c.plant.next.values()]
     mentioned = topic_reads(*moves)
@@ -253,7 +253,7 @@ def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:
 
 
 def topics_read_by_sc(sc: Component) -> list[typed.TopicSymbol]:
-    """The topics that SC reads, also in `on takeover`; raises NotRecheckedError if extern."""
+    """The topics that SC reads, also in `on takeover`; NotRecheckedError if SC is extern."""
     if sc.node is None or sc.node.extern:
         raise NotRecheckedError("SC is not Soter source: nothing is known about its commands")
     return list(topic_reads(*(sc.node.takeover or ()), *sc.node.step))

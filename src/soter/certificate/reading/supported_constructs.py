@@ -104,7 +104,7 @@ ROLES = ("plant", "dm", "sc", "ac", "node")
 
 
 def require_supported(facts: Facts, *, followed: bool = False) -> None:
-    """Raises NotRecheckedError for a construct that is not on the list, or `rest` if `followed`."""
+    """Raises NotRecheckedError for an unlisted construct; with `followed`, `rest` is listed."""
     for declared in (*CODE, *DECLARATIONS, *ELABORATED):
         _require_known_fields(declared)
     module = facts.flying_module
@@ -190,7 +190,7 @@ def _require_known_plant(c: Component) -> None:
 
 
 def plant_code(plant: t.PlantSymbol) -> list[object]:
-    """All expressions and other code of a plant."""
+    """All expressions of a plant."""
     pairs = (*plant.drives, *plant.lets, *plant.der.items(), *plant.next.items())
     return [expr for _, expr in pairs]
 
@@ -199,7 +199,7 @@ def plant_code(plant: t.PlantSymbol) -> list[object]:
 
 
 def _require_known_code(root: object, where: str) -> None:
-    """Raises NotRecheckedError unless code and the functions it calls have only known parts."""
+    """Raises NotRecheckedError unless code and functions it calls have only parts on the list."""
     for part in code_parts([root]):
         if type(part) not in CODE:
             name = _WORDS.get(type(part), type(part).__name__.removeprefix("Typed").lower())

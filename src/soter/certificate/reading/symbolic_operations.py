@@ -182,7 +182,7 @@ class Operations:
 
     @remembered_with_doubts
     def compare(self, op: str, a: Value, b: Value) -> Value:
-        """The proposition that `a op b` holds for two scalars."""
+        """Whether `a op b` holds of two scalars."""
         if isinstance(a, Proposition) or isinstance(b, Proposition):
             equal = choice_of_truths(as_truth(a), as_truth(b), negation(as_truth(b)))
             return as_bool(equal if op == "==" else negation(equal))
@@ -304,7 +304,7 @@ class Operations:
         return x
 
     def int_if_any(self, x: Linear, *of: Value) -> Value:
-        """The term `x`; it is an int if an operand is an int."""
+        """`x`, as an int if one of the operands is an int."""
         return self.as_int(x) if _is_whole(*of) else x
 
     def as_int(self, x: Linear) -> Value:
@@ -343,7 +343,7 @@ class Operations:
 
 
 def _with_finiteness_conditions(x: Linear, beyond: Sequence[Proposition]) -> Linear:
-    """The number `x`, infinite unless `beyond` hold; a bounded number needs no conditions."""
+    """The number `x`, maybe infinite unless `beyond` hold; a bounded `x` has none of these."""
     bounded = magnitude(x.low).max(magnitude(x.high)) < LARGEST
     return x if bounded or not beyond else replace(x, beyond=tuple(beyond))
 

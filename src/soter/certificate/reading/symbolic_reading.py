@@ -62,7 +62,7 @@ class CallFrame:
 
 
 class CodeReader:
-    """Reads code into values; `operations` computes the operators (`symbolic_operations.py`)."""
+    """Reads code into values; `operations` gives the operators (`symbolic_operations.py`)."""
 
     def __init__(self, operations: Any, params: Mapping[t.ParamSymbol, Value]) -> None:  # noqa: ANN401 - of either kind
         self.operations, self.params = operations, params
@@ -85,9 +85,9 @@ class CodeReader:
     def _read_both_sides(
         self, c: Value, then: Callable[[], Value], otherwise: Callable[[], Value]
     ) -> tuple[tuple[bool, Value], tuple[bool, Value]]:
-        """The `run_under` results of both sides of a branch; raises StepFault if both fault.
+        """The `run_under` results of both sides of an undecided branch; StepFault if both fault.
 
-        Nothing reads a variable of only one side later: the language refuses that.
+        A variable that only one side has is read by nobody afterwards: the language refuses that.
         """
         path, make = self.operations.path, self.operations
         first = self.run_under(make.and_of(path, c), then)
@@ -104,7 +104,7 @@ class CodeReader:
     # ------------------------------------------------------------ statements
 
     def run_block(self, body: Sequence[t.TypedStmt], frame: CallFrame) -> Value | None:
-        """Runs statements; returns the value of the first `return`, or None without a `return`."""
+        """Runs statements; gives the value of a `return` among them, or None."""
         todo = list(body)
         while todo:
             self._count_step()
@@ -368,9 +368,9 @@ class SymbolicReader(CodeReader):
         variables: Mapping[t.Variable, Value],
         claimed: Ranges = MappingProxyType({}),
     ) -> dict[t.TopicSymbol, Value]:
-        """Maps each topic to the value that a step publishes on it.
+        """Maps each topic to the value a step publishes; NotRecheckedError if it always faults.
 
-        Raises NotRecheckedError if it always faults. `claimed`: required ranges of variables.
+        `claimed`: the ranges in which the step must leave variables, as obligations.
         """
         frame = CallFrame(dict(variables))
 
@@ -405,9 +405,9 @@ class SymbolicReader(CodeReader):
         return value
 
     def result_of_call(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
-        """The result of a call; a prelude function of terms gives its exact value and error bound.
+        """The result of a call; a prelude function of terms is what it means, with its error bound.
 
-        For known numbers it gives the machine's result, also in a flow.
+        Of known numbers it gives what the machine makes of them, in a flow, too.
         """
         make = self.operations
         if fun.prelude and any(isinstance(x, Linear) for x in arguments):

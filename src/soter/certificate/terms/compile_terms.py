@@ -335,7 +335,7 @@ def _enclose_choice(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _enclose_difference(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """The row and range of a difference; the two numbers limit its range."""
+    """Row and range of a difference; the range is no wider than those of its two numbers allow."""
     ends, (low, high), (least, most) = map(forms.term_ends, atom.arguments)
     return forms.row_of(atom.arguments[0]), forms.tighter_ends(low - most, high - least, *ends)
 

@@ -268,9 +268,9 @@ def line_sqrt(low: arb, high: arb) -> Line:
 
 
 def line_soft_sign(low: arb, high: arb) -> Line:
-    """The line over x / (1 + |x|), which rises, is odd, and is concave for x >= 0.
+    """The line over x / (1 + |x|), which rises, is odd, and is concave on x >= 0.
 
-    For x >= 0 it is at most slope x + (1 - sqrt(slope))^2, at a tangent; it is least at an end.
+    There it is at most slope x + (1 - sqrt(slope))^2, which a tangent reaches; least at an end.
     """
     if not (low.is_finite() and high.is_finite()):
         return ZERO, ZERO, ONE, -ONE, ONE

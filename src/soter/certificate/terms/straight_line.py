@@ -387,7 +387,7 @@ def _values_needed(values: Sequence[Value], outputs: Sequence[Value]) -> list[Va
 
 
 def _compiled_step(v: Value, place: dict[int, int]) -> tuple[Any, Any, Any]:
-    """Compiles a step to its operation with one place, two places, or a getter of all values."""
+    """(operation, place, None), (operation, place, place), or (operation, None, getter of all)."""
     operation: Any = itemgetter(v.content) if v.operation == PART else operation_named(v.operation)
     places = [place[id(x)] for x in v.arguments]
     if len(places) == 1:

@@ -206,7 +206,7 @@ class Terms:
         return Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high, nonnegative)
 
     def apply_function(self, name: str, *arguments: Linear, nonnegative: bool = False) -> Linear:
-        """The term of a real function that has lines."""
+        """The term of a function that has lines, over real numbers."""
         ends: list[arb] = []
         for x in arguments:
             ends += (larger(x.low, ZERO) if x.nonnegative else x.low), x.high
@@ -306,9 +306,9 @@ class Terms:
         return self._soft_sign_quotient(a, b) or self.multiply(a, self.apply_function("inverse", b))
 
     def _soft_sign_quotient(self, a: Linear, b: Linear) -> Linear | None:
-        """The quotient a / b if b = k |y| + c with k, c > 0, and a is a multiple of y; else None.
+        """The quotient a / b if b = k |y| + c, k, c > 0, and a is y times something; else None.
 
-        y / b is the soft sign of k y / c over k, at most 1 / k; y times an inverse would be larger.
+        y / b is a soft sign of k y / c over k, at most 1 / k; y times an inverse would be more.
         """
         if len(b.terms) != 1 or not b.radius.is_zero():
             return None

@@ -110,7 +110,7 @@ def read_plans(flat: System, entry: dict[str, Any]) -> None:
 def entries_of_plans(
     flat: System, entry: dict[str, Any]
 ) -> dict[str, tuple[System, dict[str, Any]]]:
-    """Maps each plan to a system where it alone is SC, and to its entry; "" for a single plan.
+    """Maps each plan to the system where it alone is SC, and its entry; "" if there is one plan.
 
     Raises RejectedError if the program has other plans.
     """
@@ -181,7 +181,7 @@ def _map_assumptions(problem: RestProblem) -> Iterator[tuple[str, str]]:
 
 
 def _largest_assumptions(problem: RestProblem) -> Iterator[tuple[str, str]]:
-    """Yields the assumption that followed states without a smaller set stay below `LARGEST`."""
+    """The assumption that each followed state without a smaller set stays below `LARGEST`."""
     for s in problem.followed:
         if max(map(abs, problem.sets[s])) > LARGEST:
             name = problem.facts.states[s].name
@@ -189,7 +189,7 @@ def _largest_assumptions(problem: RestProblem) -> Iterator[tuple[str, str]]:
 
 
 def read_entry(flat: System, entry: dict[str, Any]) -> None:
-    """Reads an entry and compares it with the program, without a proof; see `recheck_rest`."""
+    """Reads an entry and compares it with the program; shows nothing, raises as `recheck_rest`."""
     tube_of_entry(flat, entry)
 
 
@@ -251,7 +251,7 @@ def _free_states(problem: RestProblem, entry: object) -> dict[int, Range]:
     """The states outside `moves` about which an entry claims nothing at rest.
 
     Only states without ends may be free: then all claims hold wherever these states are. Raises
-    NotRecheckedError if `rest` or a rate that it needs reads a free state.
+    NotRecheckedError if `rest` or the rate of a free state reads a free state.
     """
     names = {problem.facts.states[s].name: s for s in problem.returning_states}
     claimed = entry if isinstance(entry, dict) else {}
@@ -266,7 +266,7 @@ def _free_states(problem: RestProblem, entry: object) -> dict[int, Range]:
 def _compared_entry(
     flat: System, entry: dict[str, Any]
 ) -> tuple[RestProblem, dict[int, Range], dict[int, Range]]:
-    """Reads the problem, B and Y (`rest_claims.py`); raises RejectedError if a number differs."""
+    """Reads the problem, B and Y (`rest_claims.py`); RejectedError where a figure differs."""
     require_keys(entry, KEYS, "a module")
     rest = entry["rest"]
     problem = read_rest_problem(flat, entry["module"], rest.get("keeps", {}))

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class CollectingTube(ModuleTube):
-    """A `ModuleTube` that follows runs together from when one state comes into the range `ends`."""
+    """A `ModuleTube` in which runs beyond `ends`, low < high, of one state go on together."""
 
     def __init__(
         self, problem: RestProblem, ways: Mapping[int, Range], place: int, ends: tuple[arb, arb]
@@ -39,7 +39,7 @@ class CollectingTube(ModuleTube):
         self._place, self._ends = place, ends
 
     def why_not_settled_at(self, body: StateSet, pieces: int, used: int = 0) -> str | None:
-        """Why SC may not rest, or None; runs are joined where the state reaches `low` or `high`."""
+        """Why SC may not rest, or None; joins runs from below at the low end, others at high."""
         (low, high), (least, most) = self._ends, body.box[self._place]
         upwards = bool(least < low)
         if not (upwards or most > high):

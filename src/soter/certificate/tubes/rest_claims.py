@@ -91,7 +91,7 @@ class NoSlopeError(Exception):
 
 
 def slopes_in_input(terms: Terms, x: Linear, at: int) -> arb:
-    """A ball around the slopes of a term in the input atom `at`; NoSlopeError if it has none."""
+    """A ball around all slopes of a term in the input atom `at`; NoSlopeError if it has none."""
     slopes: dict[int, arb] = {at: ONE}
 
     def slopes_of(x: Linear) -> arb:
@@ -226,7 +226,7 @@ def _independent_state_groups(model: RestModel, members: Sequence[int]) -> list[
 
 
 def _box_returns(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, cut: int) -> bool:
-    """Whether runs from `start` stay in `way` until an output acts in `end`; may cut `start`."""
+    """Whether all runs from `start` are in `way` until an output acts in `end`; may cut `start`."""
     every = PIECES[min(cut, len(PIECES) - 1)]
     if any(_leads_back(chain, start, way, end, holds, pieces) for pieces in every):
         return True
@@ -269,7 +269,7 @@ def _box_of_states(ranges: Ranges, states: tuple[int, ...]) -> Box:
 
 
 def _require_rest_only_in(problem: RestProblem, box: Ranges) -> None:
-    """Raises NotRecheckedError unless `rest` is false outside of the box and true at some point."""
+    """Raises NotRecheckedError unless `rest` holds somewhere in a box, nowhere else in the sets."""
     model = RestModel(problem.facts, (), problem.facts.extents)
     rest = ConditionOnBoxes(
         model,
@@ -315,7 +315,7 @@ def _is_false_on_slab(
 
 
 class AtRest(NamedTuple):
-    """The ranges of states at rest, and the ranges of the commands that SC then gives."""
+    """The ranges of the states once `rest` holds, and of the commands that SC then gives."""
 
     states: dict[int, tuple[arb, arb]]
     commands: list[tuple[arb, arb]]
@@ -342,7 +342,7 @@ def show_rule_2(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
 
 
 def _command_ranges(problem: RestProblem, ways: Ranges) -> list[tuple[arb, arb]]:
-    """The range of each command that SC gives for states in Y, or for states up to d before Y."""
+    """The range of each of SC's answers to reads in Y, or in states that lead to Y within d."""
     model = RestModel(problem.facts, (), problem.facts.extents)
     members, box = problem.returning_states, _box_of_states(ways, problem.returning_states)
     if problem.times.delay:

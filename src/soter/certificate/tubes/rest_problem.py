@@ -74,7 +74,7 @@ UNBOUNDED_END = arb(2) ** 10**6
 
 @dataclass(frozen=True)
 class RestTimes:
-    """Times of a tube in ns. `alpha`: from an estimate to a complete output; `switches`: N_T."""
+    """Times in ns; `alpha`: the least from an estimate to a complete output; `switches`: N_T."""
 
     horizon: int
     alpha: int
@@ -99,7 +99,7 @@ class RestTimes:
 
 @dataclass(eq=False)
 class RestProblem:
-    """The problem of a module. `leaves`: by state, the topic and leaf in which the DM reads it."""
+    """One module's problem; `leaves`: followed state -> (topic, leaf) in which its DM sees it."""
 
     facts: Facts
     rest: RestSymbol
@@ -144,7 +144,7 @@ class RestProblem:
 
     @property
     def times(self) -> RestTimes:
-        """The time constants of a tube, computed from the times of the module."""
+        """The time constants of a tube, from the times that claims are held to."""
         t, jitter, period = self.facts.times, self.facts.jitter_ns, self.facts.times["delta_ns"]
         horizon, least = t["H_ns"], min(e.least for e in self.facts.setting.effects)
         alpha = max(t["Delta_ns"] - t["J_dm_ns"] + least, horizon - period - jitter)
@@ -173,9 +173,9 @@ class RestProblem:
 
 @dataclass(eq=False)
 class RestModel(CaseModel):
-    """Makes the terms of a module; if `far`, states without a set reach to `UNBOUNDED_END`.
+    """Makes the terms of a module with `rest`; `far`: states without a set go to `UNBOUNDED_END`.
 
-    `known`: the values of maps; any other map may have any value.
+    `known`: the values of maps; a map that is not in it may have any value.
     """
 
     far: bool = True
@@ -335,11 +335,11 @@ def _require_covered_features(facts: Facts) -> None:
 
 
 def shield_constants(problem: RestProblem) -> dict[str, int] | None:
-    """The constants of the module's shield, by the program; None if the module has no shield.
+    """The constants of the module's shield, by the program; None where it has no shield.
 
-    Raises NotRecheckedError or RejectedError if we know no argument for it. `any_command_ns`: how
-    long any command may act. SC's output acts Delta + L_min after the last good verdict at the
-    earliest; from H* - A on it surely acts.
+    NotRecheckedError, RejectedError where we know no argument for it. `any_command_ns`: what SC
+    publishes passes once the next verdict is in force, Delta after the last good one at the
+    earliest, and acts L_min later; the first output that is surely in time acts at H* - A.
     """
     facts = problem.facts
     if facts.symbol.shield is None:
@@ -358,7 +358,7 @@ def shield_constants(problem: RestProblem) -> dict[str, int] | None:
 
 
 def states_shown(facts: Facts) -> dict[tuple[int, int], int]:
-    """By (topic, leaf): the state that a plant publishes in it directly."""
+    """By (topic, leaf): the state that a plant publishes there unchanged."""
     found = {}
     for topic, (plant, expr) in driven_topics(facts).items():
         for k, (path, _) in enumerate(leaves(facts.system.topics[topic].type)):
@@ -369,10 +369,10 @@ def states_shown(facts: Facts) -> dict[tuple[int, int], int]:
 
 
 def _state_sets(facts: Facts) -> dict[int, Range]:
-    """By state: the range that its topics allow; (-inf, inf) if nothing bounds it.
+    """The set of each state; (-inf, inf) where nothing bounds it.
 
-    In this range each topic that shows the state stays in its declared set, whatever its error is,
-    also after the sum is rounded.
+    It is the declared set, less the error, of every topic that shows the state: a state in it can
+    be published with any error, also once the sum is rounded.
     """
     ranges = dict.fromkeys(range(len(facts.states)), (-inf, inf))
     errors = {(m.topic, m.leaf): m.bound for c in facts.plants for m in c.measured}
@@ -461,7 +461,7 @@ def _estimate_leaves(facts: Facts) -> dict[int, tuple[int, int]]:
 
 
 def _require_sc_topics_known(facts: Facts, estimate: set[int]) -> None:
-    """Raises NotRecheckedError if SC sees a plant by a topic that the DM does not read.
+    """Raises NotRecheckedError if SC sees a plant by a topic the DM does not read (condition 2).
 
     It also raises it if two topics show SC one state, as their ages and errors differ.
     """

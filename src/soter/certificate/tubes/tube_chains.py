@@ -99,8 +99,8 @@ class TubeFlow(LocalFlow):
 class StateSet:
     """All states of a run at an instant: each state is in its interval of `box` and in its row.
 
-    A row is a constant and the factors of unknowns in [-1, 1], which all rows share. `memory` and
-    `ranges`: of the commands that may still act, latest first; empty if any may have acted.
+    A row is a constant and factors of unknowns in [-1, 1], which all rows share. `memory`: the rows
+    of the commands that may still act, latest first, with `ranges`; empty if any may have acted.
     """
 
     box: Box
@@ -149,15 +149,13 @@ class TubeChain(FlowChain):
         fresh = not body.memory and self.depth > 0
         start = self._opened_rows(body)
         new = self._answer_of_sc(start, fresh=fresh)
-        way, tube = self._lead_over_steps(
-            start, new, self.spans(pieces, fresh=fresh or not self.depth)
-        )
+        way, tube = self._lead_over(start, new, self.spans(pieces, fresh=fresh or not self.depth))
         return self._next_set(start, way, new), _split_into_boxes(tube, self.n)
 
     def follow_any_commands(self, body: StateSet, span: Fraction) -> tuple[StateSet, list[Box]]:
         """Follows any commands for `span` s; gives the set at the end, and the boxes until then."""
         start = self._opened_rows(StateSet(body.box, body.rows, [], []))
-        way, tube = self._lead_over_steps(start, self._any_commands(start), [(span, NOW)])
+        way, tube = self._lead_over(start, self._any_commands(start), [(span, NOW)])
         return self._next_set(start, way, None), _split_into_boxes(tube, self.n)
 
     def at_some_instant(self, body: StateSet, span: Fraction) -> StateSet:
@@ -243,7 +241,7 @@ class TubeChain(FlowChain):
         return StateSet(list(way.box), rows, memory, ranges)
 
     def _with_own_rest(self, row: list[Any], i: int, way: StateRows) -> list[Any]:
-        """Adds the rest of a state as an unknown to its row; the range if that is half as wide."""
+        """A state's row with its rest as a new unknown; its range alone if that is half as wide."""
         unknowns = [ZERO] * self.n
         unknowns[i] = way.rest[i]
         low, high = way.box[i]
@@ -349,7 +347,7 @@ class ModuleTube:
 
     @property
     def estimate_fields(self) -> list[str]:
-        """The fields of an estimate, as `topic.field`: those of states, then those of maps."""
+        """The fields of an estimate, as `topic.field`: those of states in order, then of maps."""
         maps = [name for names in self.problem.map_leaves.values() for name in names]
         return [*(self.problem.field_read(s) for s in self.problem.followed), *maps]
 
@@ -362,7 +360,7 @@ class ModuleTube:
         return self.problem.facts.symbol.shield is not None
 
     def why_not_good(self, estimate: Mapping[str, float]) -> str | None:
-        """Why an estimate (a number for each of `estimate_fields`) may be bad, or None."""
+        """Why an estimate (a number for each of `estimate_fields`) may be bad; None: it is good."""
         box, maps = [], {}
         for index, names in self.problem.map_leaves.items():
             numbers = [estimate[name] for name in names]
@@ -399,7 +397,7 @@ class ModuleTube:
     # ------------------------------------------------------------ tubes
 
     def why_not_settled(self, box: Box, earliest: int, latest: int) -> str | None:
-        """Why SC, which acts first in [earliest, latest] ns, may not rest after a box, or None."""
+        """Why SC, acting first in [earliest, latest] ns, may not rest from a box; None: it does."""
         if not self.is_within_c(box):
             return "C is not certain of the estimate itself"
         body, step = StateSet.from_box(box), earliest * NANOSECOND / FREE_PIECES

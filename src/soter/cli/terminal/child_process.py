@@ -38,9 +38,9 @@ AGAIN_S = 1.0
 def fork_into_child(console: Console, rescue: Rescue) -> None:
     """Forks if this process is the command itself; only the child returns from here.
 
-    The parent raises `ChildResult` with the result of the child. If the child left no result, it
-    raises `SoterError` X011, or `KeyboardInterrupt` if a signal asked the child to end. Before
-    these two errors `rescue(pid)` saves files of the child, and returns a sentence for each.
+    The parent raises `ChildResult` with the child's result. If the child left none, it raises
+    `SoterError` X011, or `KeyboardInterrupt` if the child had been told to end. Before these two
+    `rescue(pid)` saves files that the child was writing, and returns a sentence for each.
     """
     if not console.own_process or not hasattr(os, "fork"):
         return

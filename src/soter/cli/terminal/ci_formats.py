@@ -194,7 +194,7 @@ def _finding_text(f: CiFinding) -> str:
 
 
 def github_commands(findings: Sequence[CiFinding]) -> str:
-    """The commands for GitHub Actions, one on each line; "" if it has nothing to report."""
+    """The commands for GitHub Actions, one a line; "" if there is nothing to report."""
     return "\n".join(_github_command(f) for f in findings if f.kind != "pass")
 
 

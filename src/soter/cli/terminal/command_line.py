@@ -93,7 +93,7 @@ class CommandParser(argparse.ArgumentParser):
         self._about = {n: o.json_name for n, o in options.items() if o.json_name and not o.dashed}
 
     def read_line(self, line: Sequence[str]) -> argparse.Namespace:
-        """The arguments of a line; `written` has the names in it. U001 for a removed flag."""
+        """The line's arguments; `written`: the names in it. SoterError U001 for a removed flag."""
         if problems := removed_flags(self.record, [word.partition("=")[0] for word in line]):
             raise SoterError(problems)
         defaults = {action.dest: action.default for action in self._actions}
@@ -104,7 +104,7 @@ class CommandParser(argparse.ArgumentParser):
         return argparse.Namespace(**{**defaults, **given_values, "written": written})
 
     def subject_fields(self, args: argparse.Namespace) -> dict[str, object]:
-        """The fields of the JSON document that name the program or file the command was about."""
+        """Fields of the JSON document that name what the command was about."""
         return {field_name: getattr(args, name) for name, field_name in self._about.items()}
 
     def _add_argument_of(self, name: str, known: Option) -> None:

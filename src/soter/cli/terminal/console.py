@@ -355,7 +355,7 @@ CLEAR = "\r\x1b[K"
 
 
 def clipped_line(text: str) -> str:
-    """The text, cut to one line of the terminal, as a progress text may fill only one line."""
+    """The text cut to one line of the terminal, as only one line can be cleared."""
     most = max(shutil.get_terminal_size((80, 24)).columns - 1, 20)
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
@@ -421,11 +421,11 @@ class LineOfProgress:
 
 
 class ProgressBar(LineOfProgress):
-    """A context that gives a function to call with the share done, and shows a progress bar.
+    """A context that gives a function to call with the share done; shows bar, phase and time left.
 
-    The bar shows the share from the first above 0 until it is 1. The share never falls, unless a
-    phase with another name begins anew. The time left never rises: while the estimate is above the
-    last time shown, no time is shown.
+    The share is shown from the first one above 0 until it is 1. It never falls, unless a phase with
+    another name begins anew. The time left never rises: while the estimate is above the last time
+    shown, no time is shown.
     """
 
     def __init__(self, console: Console, *, timed: bool = True) -> None:
@@ -486,7 +486,7 @@ class ProgressBar(LineOfProgress):
         return "  ".join(p for p in (share, self._time_left_text(), doing) if p).strip()
 
     def _time_left_text(self) -> str:
-        """The estimated time left, as text; "" if no estimate is possible."""
+        """The time left as text, estimated from the last share; "" if no estimate is possible."""
         share, now = self._furthest, time.perf_counter()
         if not (self._timed and 0.001 < share < 1.0):
             return ""

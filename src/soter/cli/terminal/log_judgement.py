@@ -177,7 +177,7 @@ def unheard_sentences(m: ModuleOfLog) -> tuple[str, ...]:
 
 
 def _outcome_lines(m: ModuleOfLog) -> Iterator[str]:
-    """Lines about all steps of a decision module, or about data that a verdict would need."""
+    """Lines about all steps of a decision module, or about what the log lacks for a verdict."""
     if not m.decided:
         yield "  undecided; the log does not give"
         for name in m.missing:
@@ -244,7 +244,7 @@ def _log_lines(j: LogJudgement) -> Iterator[str]:
 
 
 def _error_texts(d: DerivedValue) -> tuple[str, ...]:
-    """The errors of a derived value as text; "none" (which is not 0) if they were not measured."""
+    """The errors of a derived value as text; "none", which is not 0, if none could be measured."""
     return ("none",) * len(ERRORS_SHARES) if d.error is None else tuple(f"{e:.2g}" for e in d.error)
 
 

@@ -36,7 +36,7 @@ def seconds_text(value: float) -> str:
 
 
 def print_search(search: ProofSearch, command: str, printed: Printout) -> None:
-    """Prints the hints that were tried and found for a module; `command` verifies the module."""
+    """Prints the hints tried and found for a module; `command` is the line that verifies it."""
     why = "what the program says leaves it undecided" if search.own else NO_HINTS
     none = NOTHING_TRIED if search.refused is None else search.refused.message
     tried = "tried" if search.tries else f"no hint was tried: {none}"

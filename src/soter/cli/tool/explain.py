@@ -37,7 +37,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Prints the page of the code, or all codes; the outcome has an error for an unknown code."""
+    """Prints the page of the code, or the list of codes; a diagnostic for an unknown code."""
     if args.code is None:
         return _list_codes(console)
     code = known_code(args.code)

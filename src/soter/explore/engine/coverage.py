@@ -133,7 +133,7 @@ def value_class(leaf: CoveredLeaf, value: float) -> int:
 
 
 def leaf_value(type_: Type, value: object, path: Sequence[str]) -> object:
-    """The scalar at a path of `leaves(t)` in a value; None if the path goes through a list."""
+    """The scalar at a path of `leaves(t)` in a value; None if the path leads into a list."""
     for part in path:
         assert isinstance(value, tuple)
         if isinstance(type_, RecordType):
@@ -211,10 +211,10 @@ def branches_coverage(names: Sequence[str], bits: Sequence[int]) -> CoverageKind
 
 @dataclass(frozen=True)
 class EngineProgress:
-    """The progress of a search. `tracing`: it looks for an execution to a known violation.
+    """The progress of a search. `tracing`: it looks for an execution to a violation that it found.
 
-    `bytes`: of tables, frontiers and remembered steps; `answers`: how many were tried for a step,
-    if very many. Every observable instant before `covered_ns` was judged (breadth first).
+    `bytes`: of tables, frontiers and remembered steps; `answers`: of the step that is being tried,
+    if very many. Everything observable before `covered_ns` was judged (breadth first).
     """
 
     states: int

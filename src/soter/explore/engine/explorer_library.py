@@ -402,7 +402,7 @@ class Engine:
         )
 
     def coverage(self) -> Any:  # noqa: ANN401 - cdata
-        """The `soter_explore_coverage` with which the engine adds new coverage to `seen`."""
+        """The `soter_explore_coverage` by which the engine adds what it sees to `seen`."""
         return coverage_struct(self.seen, self.ffi)
 
     def _read_result(self, result: Any, trace: Any, seconds: float) -> Searched:  # noqa: ANN401 - cdata
@@ -452,7 +452,7 @@ class Engine:
         return Searched(status="violated", broken=violation, depth=length, steps=made)
 
     def is_violated_at_start(self, patience_s: float = math.inf) -> bool:
-        """Whether a start violates a property before any step; also True if the search stopped.
+        """Whether a start violates a property before any step; True also if the search was stopped.
 
         Deadlines do not count. If a start does, parts are not explored alone: they would miss such
         a violation if another part steps before the part that the property reads.

@@ -44,7 +44,7 @@ JOINED_PARTS_MAX = 8
 
 
 class ComposedSearch:
-    """A search of parts of a system that only properties join, part by part."""
+    """One search of the parts of a system that only properties join."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class ComposedSearch:
 
     @staticmethod
     def can_search(engine: Engine, settings: EngineSettings) -> bool:
-        """Whether joined parts can be searched alone; this needs exact bfs and all reductions."""
+        """Whether joined parts can be searched alone: breadth first, exact, with all reductions."""
         joined = engine.joined_parts
         if joined is None or not engine.model.plain or settings.known or settings.max_states:
             return False
@@ -123,7 +123,7 @@ class ComposedSearch:
     def _joint_verdict(
         self, joint: SharedProperty, kept: list[Any], patience_s: float
     ) -> tuple[str, Words, str]:
-        """Judges a property on all combinations; gives status, goals (parts, words), and why."""
+        """Judges a property on all combinations: status, goals (parts, words), why it stopped."""
         engine = self._engine
         goals = np.zeros((len(joint.parts), engine.words), dtype=np.uint64)
         sides = engine.ffi.new("soter_side[]", len(joint.parts))
@@ -267,7 +267,7 @@ def _observes_only_ends(engine: Engine) -> bool:
 def _pick_reduction(
     engine: Engine, settings: EngineSettings, left_s: float
 ) -> EngineSettings | Searched:
-    """The settings with the better trial search, or the result if a trial search already ended."""
+    """The settings whose trial search came further, or the result of one that already ended."""
     ends = engine.explore(replace(settings, max_ran=TRIAL_STEPS, threads=1), None, left_s)
     if ends.status != "states" or ends.stopped:
         return ends

@@ -62,7 +62,7 @@ Found = SearchResult[Step]
 
 
 class Search:
-    """Searches one flattened test; the end of its `with` block frees the memory of the engine."""
+    """Searches one flattened test; leaving its `with` block frees what the engine holds."""
 
     def __init__(
         self,
@@ -119,7 +119,7 @@ class Search:
         return has_parts and not engine.is_violated_at_start(self._time_s)
 
     def _search_joined_parts(self, settings: EngineSettings, until: float) -> list[Searched] | None:
-        """The searches of parts that only properties join; None if such a search is impossible."""
+        """The searches of parts that only properties join; None if that does not work."""
         engine = self._engine
         if not ComposedSearch.can_search(engine, settings):
             return None

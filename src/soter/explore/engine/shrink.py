@@ -52,7 +52,7 @@ class GuidedRun:
 
 
 class Guided:
-    """Runs the engine's system along a trace of the caller, towards one violation."""
+    """Runs the engine's system along a given trace, towards one violation."""
 
     def __init__(self, engine: Engine, seed: int, wanted: tuple[int, int]) -> None:
         self._engine = engine
@@ -61,7 +61,7 @@ class Guided:
     def execute_along(
         self, wish: Steps, limit: int, before: GuidedRun | None = None, begin: int = 0
     ) -> GuidedRun:
-        """Runs up to `limit` steps along `wish`, (wishes,); copies `begin` steps of `before`."""
+        """Executes up to `limit` steps along `wish`, (wishes,); the first `begin` from `before`."""
         begin = begin if before is not None else 0
         made = np.zeros(limit, dtype=STEP)
         unusual = np.zeros(limit, dtype=np.uint32)
@@ -104,7 +104,7 @@ class ShrinkTimeoutError(Exception):
 
 @dataclass(frozen=True)
 class ShrinkResult:
-    """The smallest execution of all `tried`; `stopped`: "patience", "interrupted" or ""."""
+    """The smallest of `tried` executions; `stopped`: "patience", "interrupted" or ""."""
 
     steps: Steps
     tried: int
@@ -114,7 +114,7 @@ class ShrinkResult:
 def execution_cost(made: GuidedRun) -> Cost:
     """The cost of an execution: steps, changes of actor, choices that are not the default, ties.
 
-    Two numbers decide ties: how often it leaves the deployed order, and all lateness in ns.
+    Two numbers settle ties: how often the deployed order is left, and the sum of lateness in ns.
     """
     steps = made.steps[made.steps["actor"] != NOBODY]
     actor, time_ns = steps["actor"].astype(np.int64), steps["time"]
@@ -149,7 +149,7 @@ class Shrinker:
         self.tried = 0
 
     def shrink(self, steps: Steps) -> ShrinkResult | None:
-        """Shrinks `steps`, (n,), while changes make them smaller; None if they violate nothing."""
+        """Shrinks `steps`, (n,), as long as that helps; None if they violate nothing."""
         self.best = self._guided.execute_along(steps, len(steps))
         self.cost = execution_cost(self.best)
         if not self.best.violates:

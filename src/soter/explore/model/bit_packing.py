@@ -65,7 +65,7 @@ def as_u64(e: c.CExpr) -> c.CExpr:
 
 
 def int_hulls(t: Type, bounds: Sequence[Bound | None], values: Iterable[Value]) -> list[Hull]:
-    """For each leaf of `leaves(t)`, the range of ints in its set, in `values` and unused items."""
+    """For each leaf of `leaves(t)`, the range of its ints: its set, `values`, 0 in unused items."""
     leaf_hulls: list[Hull] = []
     for (path, leaf), bound in zip(leaves(t), bounds, strict=True):
         if not isinstance(leaf, IntType):

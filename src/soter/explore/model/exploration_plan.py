@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 class PlannedActor:
     """A component or an input of a tested system (docs/testing.md). Times in ns.
 
-    Exactly one of `component` and `input` is set. `dependent`: bit i is set if steps of actor i may
-    not be swapped with steps of this actor; `outputs`: topics, in the order of the step's outputs.
-    `reads`: the resources (`footprints.py`) on which the result of a step depends; `writes`: those
-    that it may change.
+    Exactly one of `component` and `input` is set. `dependent`: bit i is set iff steps of actor i
+    may not be swapped with steps of this actor; `outputs`: topics, in the order of the step's
+    outputs. `reads`: the resources (`footprints.py`) on which the result of a step depends;
+    `writes`: those that it may change.
     """
 
     name: str
@@ -73,10 +73,10 @@ class TimeChoices:
 class ExplorationPlan:
     """The actors and times of a search, and the parts of a configuration that can matter.
 
-    `read`: topics that any code reads; `aged`: topics whose age is read; `limited`: module inputs
-    whose `max_age` matters; `may_fault`: components whose step may fault; `times`: None if no step
-    has a choice; `repeats`: whether no code reads the time, so that only the configuration and the
-    point in the calendar decide the future.
+    `read`: topics that anything reads; `aged`: topics whose age is read; `limited`: module inputs
+    whose `max_age` decides; `may_fault`: components whose step may fault; `times`: None where no
+    step has a choice; `repeats`: whether nothing reads the time, so that the future depends on the
+    configuration and the place in the calendar alone.
     """
 
     actors: tuple[PlannedActor, ...]
@@ -298,7 +298,7 @@ def find_parts(
 def _property_reads(
     system: System, lowered: CoreSystem, plan: ExplorationPlan
 ) -> list[set[Label]] | None:
-    """The resources that each property reads; None if a property reads time or masks overflow."""
+    """The resources each property reads; None if one reads the time or masks are too narrow."""
     assert system.test is not None
     footprints = Footprints(system, lowered)
     if system.test.timed or TIME in footprints.all_property_reads():
@@ -347,7 +347,7 @@ class _Groups:
         return [i for i, root in enumerate(self._root) if i == root]
 
     def parts_with_properties(self, judged_by: Mapping[int, int]) -> tuple[IndependentPart, ...]:
-        """A part for each set of actors; `judged_by`: the set that judges each property."""
+        """A part for each set of actors; `judged_by`: the set on which each property is judged."""
         members = range(len(self._root))
         return tuple(
             IndependentPart(

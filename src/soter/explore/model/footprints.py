@@ -134,7 +134,7 @@ class Footprints:
         effects.reads |= {("stamp", t) for t in footprint.stamps}
 
     def _add_decision_effects(self, module: int, effects: Effects) -> None:
-        """Adds the effects of a DM: input reads, and changes of the mode, the gate and both OE."""
+        """Adds the effects of a DM: it reads its topics, may change mode, both OE, and the gate."""
         decision, m = self.core.decisions[module], self.system.modules[module]
         effects.keeps = True
         self._add_predicate(decision.ttf, effects)
@@ -163,7 +163,7 @@ class Footprints:
     # ------------------------------------------------------------ properties
 
     def property_reads(self, index: int) -> set[Label]:
-        """The resources that a property reads; for a contract none, as a node's step reads them."""
+        """The resources that a property reads; none for a contract, as its node's step reads it."""
         if _is_contract(self.system.properties[index]):
             return set()
         effects = Effects()
@@ -171,7 +171,7 @@ class Footprints:
         return effects.reads | ({TIME} if effects.timed else set())
 
     def timed_property_reads(self, index: int) -> set[Label]:
-        """The resources that a timed property reads; for an invariant, also those of its module."""
+        """The resources that a timed property reads, and those by which an invariant changes."""
         assert self.system.test is not None
         effects = Effects()
         timed = self.core.timed[index]
@@ -188,7 +188,7 @@ class Footprints:
         return effects.reads
 
     def all_property_reads(self) -> set[Label]:
-        """All resources that properties of the test read."""
+        """The resources that some property of configurations reads."""
         assert self.system.test is not None
         labels: set[Label] = set()
         for p in range(len(self.system.properties)):
@@ -216,7 +216,7 @@ class Footprints:
         return latches | {f.index for f in self.facts if f.fact == "age"}
 
     def limited_inputs(self) -> set[int]:
-        """The module inputs that have a `max_age`, so that their age can decide a switch."""
+        """The module inputs whose age, against their `max_age`, decides a switch."""
         inputs = {t for m in self.system.modules if m.forced is None for t in m.inputs}
         return {t for t in inputs if self._max_age_ns(t) is not None}
 

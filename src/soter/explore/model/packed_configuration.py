@@ -30,7 +30,7 @@ X, S, NOW, SINCE_START = c.Name("x"), c.Name("s"), c.Name("now"), c.Name("from")
 
 @dataclass(frozen=True)
 class AgeingField:
-    """A packed field that changes as time passes, of kind `kind` and with values up to `most`."""
+    """A packed field that changes as time passes; `kind`: a C constant; `most`: its largest one."""
 
     at: int
     width: int
@@ -155,7 +155,7 @@ class ConfigurationEmitter:
         return p
 
     def _pack_schedule(self, p: Packing) -> None:
-        """Packs each actor's lost releases, and how many releases it is ahead of its schedule."""
+        """Packs how far each actor's releases are ahead of those due; then its lost releases."""
         shared: dict[tuple[int, int, int], c.CExpr] = {}
         for number, actor in enumerate(self.plan.actors):
             key = (
@@ -184,7 +184,7 @@ class ConfigurationEmitter:
             p.unpack.append(c.Assign(lost, c.Cast("uint32_t", got)))
 
     def _required_releases(self, p: Packing, key: tuple[int, int, int]) -> c.CExpr:
-        """The number of releases due by now; `key` is (window, phase, period) in ticks."""
+        """The releases that must have been made by now; `key`: window, phase, period in ticks."""
         name = p.new_name("must")
         times = *(int_number(t) for t in key), int_number(self._to_ticks(self.plan.horizon_ns))
         call = c.CallExpr("soter_must", (c.Name("n"), *times))

@@ -163,7 +163,7 @@ class CallChecker(FieldChecker):
         return helps
 
     def _help_with_similar_function(self, name: str, context: Context) -> tuple[Help, ...]:
-        """Gives a help that shows a function of a similar name; () if no name is similar."""
+        """Gives a help with a function of a similar name, which takes other arguments."""
         public = (n for n in (*context.scope.entries, *self.names.prelude) if n[0] != "_")
         near = likely_name(name, [n for n in public if self._arity_of(n, context) is not None])
         entry = context.scope.entries.get(near or "") or self.names.prelude.get(near or "")
@@ -284,7 +284,7 @@ class CallChecker(FieldChecker):
     def _report_unknown_function(
         self, name: tree.Name, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> None:
-        """Reports N001 for an unknown function, with similar ones that fit the arguments."""
+        """Reports N001 for an unknown function, with similar ones that take as many arguments."""
         fits = [
             n
             for n in (*TAKES, *context.scope.entries, *self.names.prelude)

@@ -87,7 +87,7 @@ def entries_by_need(entries: list[Entry], names: Names) -> tuple[list[Entry], li
 
 
 def _chained_entries(entry: Entry, names: Names) -> Iterator[tuple[Entry, Span]]:
-    """Yields each mentioned entry that may mention others, with the place of the mention."""
+    """Yields each mentioned entry that may itself need others, with the place of its mention."""
     if entry.kind not in CHAINING:
         return
     for qualifier, name, span in names_mentioned(entry.decl):
@@ -307,7 +307,7 @@ class UnusedDeclarations:
 
 
 def _rename_help(name: str, span: Span) -> Help:
-    """Gives the edit that puts `_` before the name of an unused declaration."""
+    """Gives the edit that puts `_` before the name of an unused declaration, its only mention."""
     return insert(span, "_", _unused_help(name))
 
 

@@ -93,7 +93,7 @@ class Calculator:
     def remembered_value(
         self, name: str, expr: typed.TypedExpr, subject: str, known: dict[str, tuple[Value, int]]
     ) -> Value | None:
-        """Gives a constant's value, if possible from `known`: name -> (value, operations)."""
+        """Gives a declared constant's value, if it can from `known` (name -> value, operations)."""
         value, spent = known.get(name, (None, 0))
         if name in known and spent <= min(self.left, self._per_value):
             self.left -= spent
@@ -212,7 +212,7 @@ class ConstantChecker(CheckerPart):
         subject: str,
         because: Because | None = None,
     ) -> typed.TypedExpr:
-        """Gives the typed expression of a number, or an ERROR expression after a reported error."""
+        """Gives the typed expression of a number, of type `expected`; ERROR after a report."""
         checked = self.shared.check_expr(expr, context, expected, because)
         if isinstance(checked.type, ErrorType):
             return checked
@@ -220,7 +220,7 @@ class ConstantChecker(CheckerPart):
         return checked if all(sound) else error_expr(expr.span)
 
     def _may_be_evaluated(self, checked: typed.TypedExpr, subject: str) -> bool:
-        """Whether all functions that an expression calls can be run now; reports it if not."""
+        """Whether all functions that an expression calls can be run now; reports one if not."""
         for call in calls_in(checked):
             if not self._is_computable_call(call, subject):
                 return False
@@ -239,7 +239,7 @@ class ConstantChecker(CheckerPart):
         return True
 
     def _is_computable_call(self, call: typed.TypedCall, subject: str) -> bool:
-        """Whether the functions of a call have no errors; reports T008 if any is extern."""
+        """Whether the functions of a call have no errors and are no externs (reported as T008)."""
         calls = self.shared.calls
         if not calls.is_complete(call.fun):
             self.shared.names.losses += 1

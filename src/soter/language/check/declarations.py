@@ -86,7 +86,7 @@ class DeclChecker(CheckerPart):
         }
 
     def checked_symbol(self, entry: Entry) -> object:
-        """Gives the symbol of a declaration; None if it has too many errors."""
+        """Gives the symbol of a declaration, or None if errors leave too little of it."""
         check = self._signatures.get(type(entry.decl))
         return None if check is None else check(entry.decl, entry.scope, entry.full_name)
 

@@ -149,7 +149,7 @@ class FieldChecker(ExprBase):
     def _check_member_or_import(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
     ) -> typed.TypedExpr | None:
-        """Gives typed `Enum.member`, `file.name` or `file.Enum.member`; None for other dots."""
+        """Gives `Enum.member`, `file.name`, `file.Enum.member` typed; None for a value's field."""
         scope, first = context.scope, names[0].text
         if first in scope.imports and first not in scope.entries:
             if len(names) == 2:
@@ -275,7 +275,7 @@ class FieldChecker(ExprBase):
     def _report_no_part(
         self, symbol: object, path: str, name: tree.Name, first: tree.Name, context: Context
     ) -> None:
-        """Reports N004 for a name that an instance does not have, with helps for its kind."""
+        """Reports N004 for a name that an instance does not have, perhaps a topic beside it."""
         helps: tuple[Help, ...] = ()
         beside = context.scope.entries.get(name.text)
         if beside is not None and beside.kind == "topic":
@@ -411,7 +411,7 @@ def path_and_type(
     scope: FileScope,
     plant: typed.PlantSymbol | None = None,
 ) -> tuple[tuple[str, ...], Type] | None:
-    """Gives the path of `parts` below type `root`, and its type; None after a reported error.
+    """Gives the path of `parts` below type `root`, and the type there; None after an error.
 
     `plant` is the plant whose state has type `root`; None if `root` is the type of a topic.
     """

@@ -65,7 +65,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         )
 
     def check_in_place(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
-        """Gives the typed expression, which may be a large table if only a part of it is read."""
+        """Gives a typed expression that may be a large table, as only a part of it will be read."""
         return self._check_by_kind(expr, context, None)
 
     def _check_by_kind(
@@ -236,7 +236,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     def _helps_for_non_value(
         self, entry: Entry, symbol: object, span: Span, context: Context
     ) -> tuple[Help, ...]:
-        """Gives helps for a function, module, plant, node or type that is used as a value."""
+        """Gives helps with a value, for a function, module, plant, node or type used as a value."""
         name = entry.decl.name.text
         if isinstance(symbol, typed.FunSymbol):
             arguments = ", ".join(p.name for p in symbol.parameters)

@@ -95,7 +95,7 @@ def unify_literals(
 
 
 def difference_note(expected: Type, actual: Type) -> str:
-    """Gives a note that describes how two records or lists differ; "" if it finds nothing."""
+    """Gives a note on the part in which two records or lists differ; "" if it has none to give."""
     if isinstance(expected, RecordType) and isinstance(actual, RecordType):
         have, want = dict(actual.fields), dict(expected.fields)
         for name, t in want.items():
@@ -115,7 +115,7 @@ def difference_note(expected: Type, actual: Type) -> str:
 
 
 class CheckerPart:
-    """The base class of the checkers; each reaches the other checkers through `shared`."""
+    """The base of checkers of one kind of syntax, which reach the others through `shared`."""
 
     def __init__(self, shared: Shared) -> None:
         self.shared = shared
@@ -248,7 +248,7 @@ class ExprBase(CheckerPart, ABC):
         )
 
     def value_helps(self, name: tree.Name, context: Context) -> tuple[Help, ...]:
-        """Gives helps with a local or topic whose name resembles `name`, for a place of a type."""
+        """Gives helps with a local or topic named nearly like `name`, where a type is wanted."""
         values = [n for n, e in context.scope.entries.items() if e.kind != "type"]
         for other in chain(context.local_names(), values):
             if other != name.text and other.casefold() == name.text.casefold():
@@ -263,7 +263,7 @@ class ExprBase(CheckerPart, ABC):
 
     @abstractmethod
     def check_in_place(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
-        """Gives the typed expression, which may be a large table if only a part of it is read."""
+        """Gives a typed expression that may be a large table, as only a part of it will be read."""
 
     def check(
         self,

@@ -298,7 +298,7 @@ class OperatorChecker(ExprBase):
     def _warn_of_zero_quotient(
         self, expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
     ) -> None:
-        """Warns W030 of a division of int literals whose result is 0, such as `1 / 2`."""
+        """Warns W030 of `1 / 2` of ints, which gives 0; beside a float it would give 0.5."""
         pair = [x.value for x in (left, right) if isinstance(x, typed.Literal) and x.name is None]
         ints = isinstance(left.type, IntType) and isinstance(right.type, IntType)
         if len(pair) != 2 or not ints or not 0 < abs(pair[0]) < abs(pair[1]):
@@ -336,7 +336,7 @@ class OperatorChecker(ExprBase):
 
 
 def _expected_operand_type(expected: Type | None) -> Type | None:
-    """Gives `expected` if operands of `+` and `-` should have it too, being floats; else None."""
+    """Gives the type that operands of `+` and `-` should have: `expected` if it is of floats."""
     if isinstance(expected, FloatType) or (expected is not None and is_vector(expected)):
         return expected
     return None

@@ -312,7 +312,7 @@ class Names:
     def _report_library(
         self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str
     ) -> bool:
-        """Reports N006 for a name like `math.sin` that is built in; False for other names."""
+        """Reports N006 for a name like `math.sin` that the prelude has; gives False for others."""
         helps = unknown_names.library_helps(qualifier, name, wanted)
         if helps is None or qualifier.text in scope.entries or qualifier.text in scope.broken:
             return False
@@ -457,7 +457,7 @@ class Names:
         return ()
 
     def is_first_miss(self, scope: FileScope, name: str, where: str) -> bool:
-        """Whether this is the first use of a missing name here; counts others as losses."""
+        """Whether this is the first use of a missing name at a place; counts others as losses."""
         key = (id(scope), name, where)
         if key in self._missing:
             self.losses += 1

@@ -75,7 +75,7 @@ class StmtChecker(CheckerPart):
     def _warn_of_shadowing(
         self, name: tree.Name, node: typed.NodeSymbol | None, context: Context
     ) -> None:
-        """Warns W017 of a local that shares its name with a constant or a topic that is read."""
+        """Warns W017 of a local named like a constant, or like a topic that the node reads."""
         entry = context.scope.entries.get(name.text)
         if entry is not None and entry.kind in ("constant", "parameter"):
             self.diagnostics.warning(

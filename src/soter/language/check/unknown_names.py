@@ -93,7 +93,7 @@ def library_helps(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[H
 
 
 def is_library(name: str) -> bool:
-    """Whether `name` is a library of another language whose functions Soter has built in."""
+    """Whether `name` is a library of another language, such as `math`, that Soter has built in."""
     return THEIRS.get(f"{name}.") == ""
 
 
@@ -179,7 +179,7 @@ SHOWN = 3
 
 @dataclass(frozen=True)
 class Meaning:
-    """The meaning of a name in another scope, with the place of its declaration and a help."""
+    """The meaning of a name in another scope: what it is, where it is declared, and a help."""
 
     subject: str
     span: Span
@@ -277,7 +277,7 @@ def _help_for_instance(decls: Iterable[tree.Decl], item: tree.Instance) -> str:
 
 
 def topic_driven_by_state(plant: tree.PlantDecl, state: str) -> str:
-    """Gives the topic, or the field of a topic, that a plant drives with a state; "" if none."""
+    """Gives the topic, or its field, that a plant drives with the bare name `state`; else ""."""
     for topic, value in plant.drives:
         if isinstance(value, tree.NameExpr) and value.name.text == state:
             return topic.text
@@ -336,9 +336,9 @@ def _is_instance_named(item: object, name: str) -> TypeGuard[tree.Instance]:
 def helps_for_other_kind(
     decls: Iterable[tree.Decl], decl: tree.Decl, wanted: str, span: Span
 ) -> tuple[Help, ...]:
-    """Gives helps with names of kind `wanted` that are related to `decl`, which is of another kind.
+    """Gives helps with names of kind `wanted` that belong to `decl`, which is of another kind.
 
-    For a node instead of a topic: its outputs. For a topic instead of a type: its type.
+    For a node in place of a topic: what it publishes; for a topic in place of a type: its type.
     """
     declared = tuple(decls)
     if wanted == "topic":
@@ -398,7 +398,7 @@ def _help_with_topics(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[He
 
 
 def whole_topic_helps(decls: Iterable[tree.Decl], topic: tree.Decl, part: Span) -> tuple[Help, ...]:
-    """Gives helps for `pose.x` if only the whole topic `pose` is possible at this place."""
+    """Gives helps for `pose.x` at `part` where a topic is needed: all of the record, or `pose`."""
     assigned = part.source.text[part.end :].lstrip().startswith("=")
     if not assigned or not isinstance(topic, tree.TopicDecl):
         return (replace(part, topic.name.text),)

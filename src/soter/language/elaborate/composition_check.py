@@ -37,7 +37,7 @@ _CAPITALS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
 def driver_fixes(program: TypedProgram, system: SystemSymbol, topic: Topic) -> tuple[Help, ...]:
-    """Gives edits that add an instance that drives a topic of the system; () for inner systems."""
+    """Gives edits that add an instance which drives a topic of the system, not of a sub-system."""
     if topic.name != topic.symbol.name:
         return ()
     declarations = itertools.islice(_items_that_drive(program, system, topic.symbol), SHOWN)
@@ -47,7 +47,7 @@ def driver_fixes(program: TypedProgram, system: SystemSymbol, topic: Topic) -> t
 def _items_that_drive(
     program: TypedProgram, system: SystemSymbol, topic: TopicSymbol
 ) -> Iterator[str]:
-    """Yields the text of each item that would add an instance that drives the topic."""
+    """Yields the text of each item that would add to the system a declared driver of a topic."""
     taken = {i.name for i in system.instances}
     present: set[object] = {i.what for i in system.instances}
     modules = program.modules.values()
@@ -195,7 +195,7 @@ class Composition:
                 )
 
     def _drivers_by_topic(self, beside: set[Component]) -> dict[int, list[tuple[str, Span]]]:
-        """Gives topic -> its publishers, as pairs of a text with kind and name, and a place."""
+        """Gives topic -> its publishers, each with its kind and full name, and its place."""
         drivers_by_topic: dict[int, list[tuple[str, Span]]] = {}
         for c in self.system.components:
             if c in beside:
@@ -247,7 +247,7 @@ class Composition:
         )
 
     def _listing_and_fix(self, topic: Topic, place: Span) -> tuple[Span | None, tuple[Help, ...]]:
-        """Gives the place where a node lists `topic`, and an edit if it never publishes it."""
+        """Gives where the node at `place` lists `topic`; and an edit, if it never publishes it."""
         for c in self.system.components:
             if c.span is not place or c.role != "node" or c.node is None or c.stands_for:
                 continue
@@ -314,7 +314,7 @@ class Composition:
         )
 
     def _require_disjoint_topics(self) -> None:
-        """Reports M001 for a node with an input and an output that are wired to the same topic."""
+        """Reports M001 for a node one of whose inputs is wired to one of its outputs."""
         for c in self.system.components:
             if c.node is None:
                 continue
@@ -339,7 +339,7 @@ class Composition:
     # ------------------------------------------------------------ acknowledgements
 
     def _check_acknowledgements(self, drivers: dict[int, list[tuple[str, Span]]]) -> None:
-        """Reports M028 if a part of the program acknowledges, or two modules share the topic."""
+        """Reports M028 if a node or module acknowledges, or one acknowledgement counts twice."""
         first_by_topic: dict[int, Module] = {}
         for module in self.system.modules:
             latch = module.symbol.latch

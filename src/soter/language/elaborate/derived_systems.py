@@ -162,7 +162,7 @@ def with_components(system: System, changed: Iterable[Component]) -> System:
 def with_node(
     component: Component, node: typed.NodeSymbol, topics: Mapping[typed.TopicSymbol, int]
 ) -> Component:
-    """Gives the component with `node`, which has no locals, as its node, and with more topics."""
+    """Gives the component with another node, without locals, whose scope also has `topics`."""
     assert not node.locals
     scope = replace(component.scope, topics={**component.scope.topics, **topics})
     return replace(component, node=node, scope=scope, initial=(), binding=None)
@@ -248,7 +248,7 @@ def with_draws(system: System, wanted: Callable[[int], bool]) -> System:
 
 
 def without_held_topics(system: System) -> System:
-    """Gives the system without held topics, so that outputs of steps take effect at once.
+    """Gives the system without held topics: outputs of steps that take time take effect at once.
 
     It is for proofs and tests, which handle `Component.takes_ns` themselves.
     """
@@ -313,14 +313,14 @@ def faultless(system: System) -> System:
 
 
 def without_faults(system: System, gone: Collection[str], *, shuffled: bool) -> System:
-    """Gives the system without the faults whose `text` is in `gone`; `shuffled` mixes the order."""
+    """Gives the system without the faults whose `text` is in `gone`; `shuffled`: random order."""
     left = [f for f in system.faults if f.text not in gone]
     faults = with_wait_faults(system.modules, left, shuffled=shuffled)
     return replace(system, faults=faults, shuffled=shuffled)
 
 
 def without_outside_faults(system: System) -> System:
-    """Gives the system without faults that proofs do not cover, in the deployed order."""
+    """Gives the system, in the deployed order, without faults that break assumptions of proofs."""
     gone = {f.text for f in system.faults if f.inside is None}
     return without_faults(system, gone, shuffled=False)
 
@@ -366,7 +366,7 @@ def _as_extern(c: Component) -> Component:
 
 
 def _reads_only_remaining(p: Property, at: Mapping[int, int], placed: Mapping[int, int]) -> bool:
-    """Whether all parts that a property concerns remain in the reduced system."""
+    """Whether the parts and modules that a property reads remain, and a contract's component."""
     seen = [*p.scope.plants.values(), *([] if p.component is None else [p.component])]
     read = mode_reads(p.condition)
     present = {m for m, i in p.scope.modules.items() if i in placed}

@@ -71,7 +71,7 @@ AT_A_STEP = 2
 
 @dataclass
 class ReadTopic:
-    """The reads of a topic: parts read as a whole, and numbers that are only compared."""
+    """The reads of a topic: parts read as a whole, with a place, and numbers only compared."""
 
     whole: dict[Path, Span] = field(default_factory=dict)
     compared: dict[Path, set[Comparison]] = field(default_factory=dict)
@@ -145,7 +145,7 @@ class Readers:
                 self._add_reads(c.stands_for.asked, c.scope)
 
     def may_be_observed(self, c: Component) -> bool:
-        """Whether a DM or other code can tell when `c` publishes, or which values."""
+        """Whether a DM, or code outside of stand-in `c`, can tell what or when `c` publishes."""
         assert c.node is not None
         outputs = {*c.writes}
         return c.module is not None or bool(outputs & self.heard)
@@ -211,9 +211,9 @@ class Readers:
 def representative_numbers(
     compared: set[Comparison], bound: Bound | None, t: IntType | FloatType, first: Value
 ) -> list[int | float]:
-    """Gives one number for each possible combination of results of the comparisons.
+    """Gives one number, `first` for one, for each possible combination of comparisons' results.
 
-    `first` stands for its combination. All numbers lie in the set `bound`; None means no set.
+    All numbers lie in the set `bound`, as `first` does; None stands for a topic without a set.
     """
     constants = {c for _, c in compared}
     low: float
@@ -244,11 +244,11 @@ def _number_between(a: float, b: float, t: IntType | FloatType) -> float:
 
 @dataclass
 class ReadClocks:
-    """The clocks that a piece of code reads: the step of `component`, or a property if None.
+    """The clocks that one piece of code reads: the step of `component`, or a property if None.
 
-    `ages`: topics whose age it reads; `now`: whether it reads `time`; `kept`: whether it reads
-    locals with a time of an earlier step; `crossed`: whether it compares two clocks. `looks`: the
-    number of moments that decide a property; `deadline`: the kind of a timed property.
+    `ages`: topic indices; `now`: whether it reads `time`; `kept`: whether it reads locals with a
+    time of an earlier step; `crossed`: whether it compares a clock with another. For a property
+    `looks` is the number of moments that decide it, and `deadline` the kind of a timed one.
     """
 
     component: int | None = None

@@ -324,7 +324,7 @@ class _FaultPlacer:
     # ------------------------------------------------------------ whether proofs cover a fault
 
     def enter_covering_assumptions(self, faults: Sequence[Fault]) -> None:
-        """Sets in each fault the reason why proofs cover it; times of one component add up."""
+        """Sets in each fault why proofs cover it (`inside`); times of one component add up."""
         for f in faults:
             f.inside = self._covering_reason(f, self.system.components[f.component], faults)
 
@@ -457,7 +457,7 @@ def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
 
 
 def _by_full_name(m: Module, exprs: Mapping[str, typed.TypedExpr]) -> dict[str, typed.TypedExpr]:
-    """Gives full name -> expression, for names of nodes in a `verify` block."""
+    """Gives full name in the system -> expression, for node names of a `verify` block."""
     return {f"{m.name.removesuffix(m.name.rpartition('.')[2])}{n}": e for n, e in exprs.items()}
 
 
@@ -467,7 +467,7 @@ def _publishes_one_value(c: Component, topic: typed.TopicSymbol) -> bool:
 
 
 def _leaves_to_hit(kind: str, topic: Topic, path: Sequence[str]) -> tuple[int, ...]:
-    """Gives the indices of the leaves below `path` that this kind of fault can hit."""
+    """The indices of leaves below `path` that a kind of fault can hit; "silent": (0,), no path."""
     if kind == "silent":
         return () if path else (0,)
     wanted = {"stuck": (object,), "saturated": (FloatType, IntType)}.get(kind, (FloatType,))

@@ -78,7 +78,7 @@ def _run_passes(flat: Flattening) -> System:
 
 
 def flatten_loose(flat: Flattening, topics: Iterable[typed.TopicSymbol]) -> System | None:
-    """Makes a system of declarations that no system uses, only to check their numbers."""
+    """Makes a system of declarations outside systems and of `topics`, checking numbers alone."""
     flat.partial = True
     try:
         place_instances(flat)
@@ -109,7 +109,7 @@ def _system_from_record(flat: Flattening) -> System:
 
 
 def _warn_of_idle_settings(flat: Flattening) -> None:
-    """Warns W010 of settings that nothing reads, unless a part of the program is missing."""
+    """Warns W010 of settings that nothing reads, unless a part that may read them is missing."""
     settings = flat.parameters.settings_of_instances()
     if not settings or flat.partial:
         return

@@ -85,7 +85,7 @@ def _required_horizon_ns(flat: Flattening, test: typed.TestSymbol) -> int | None
 
 
 def _check_unreplaced_periods(flat: Flattening, system: System) -> None:
-    """Checks P1a for all controllers that the test did not replace."""
+    """Checks P1a, except for controllers that the test replaced."""
     replaced = {
         c.name
         for m in system.modules

@@ -343,7 +343,7 @@ class _TimeReader:
         return clocks
 
     def _note_comparison_or_sum(self, e: typed.TypedBinary, *, both: bool) -> bool:
-        """Records the thresholds of a sum or comparison of clocks; returns whether it is a sum."""
+        """Notes thresholds of a sum, difference or comparison of clocks; False for a comparison."""
         self.watched.crossed |= both
         left, right = self._added_constants(e.left), self._added_constants(e.right)
         if e.op in COMPARISONS:
@@ -377,7 +377,7 @@ class _TimeReader:
         return {self._constant_in_s(e) or 0.0}
 
     def _terms_of(self, e: typed.TypedExpr) -> set[ClockTerms]:
-        """Gives the terms that an expression may have; CONSTANT if it contains no clock."""
+        """Gives the terms that an expression may have; CONSTANT if it is no clock."""
         if isinstance(e, typed.TimeRead):
             return {ClockTerms(now=1, added=0, taken_off=0)}
         if isinstance(e, typed.AgeRead):

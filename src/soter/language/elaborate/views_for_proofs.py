@@ -131,7 +131,7 @@ def _require_usable_views(symbol: typed.ModuleSymbol) -> None:
 
 
 def _require_covered_parts(symbol: typed.ModuleSymbol, diagnostics: Diagnostics) -> None:
-    """Reports R023 for every part of `safe` and `safer` that no view contains."""
+    """Reports R023 for every part of `safe` and `safer` that no view keeps."""
     every = [topics_of_view(view.block) for view in symbol.verify.views]
     for name, predicate in (("safe", symbol.safe), ("safer", symbol.safer)):
         for part in conjuncts(predicate) if predicate is not None else ():
@@ -180,7 +180,7 @@ def can_be_drawn(system: System, topic: int) -> bool:
 
 
 def with_influences_drawn(system: System, module: Module) -> tuple[System, tuple[Influence, ...]]:
-    """Gives the system in which drawn disturbances replace topics of others, and their leaves."""
+    """Gives the system with disturbances for topics of others, where it can, and their leaves."""
     moved: list[Component] = []
     all_influences: list[Influence] = []
     for c in system.components:
@@ -194,7 +194,7 @@ def with_influences_drawn(system: System, module: Module) -> tuple[System, tuple
 def _with_drawn_topics(
     system: System, c: Component, outputs: tuple[int, ...]
 ) -> tuple[Component, tuple[Influence, ...]]:
-    """Gives plant `c` with disturbances in place of topics of other parts, and their leaves."""
+    """Gives plant `c` with disturbances for topics of others, and these topics' leaves."""
     topics = [t for t in topics_of_others(c, outputs) if can_be_drawn(system, c.scope.topics[t])]
     if not topics:
         return c, ()
@@ -267,7 +267,7 @@ def _part_types(t: RecordType | ArrayType) -> list[Type]:
 def _with_topic_replaced(
     e: typed.TypedExpr, by: Mapping[typed.TopicSymbol, typed.TypedExpr]
 ) -> typed.TypedExpr:
-    """Gives the value in `by` for a read of a topic or of its field; other `e` unchanged."""
+    """Gives the value in `by` for a read of a topic or of its field; else `e` unchanged."""
     if isinstance(e, typed.TopicRead):
         return by.get(e.topic, e)
     if (
@@ -289,7 +289,7 @@ def _is_made_of_variables(e: typed.TypedExpr) -> bool:
 def start_of_proof_plant(
     flat: System, module: Module, link: typed.AbstractionLink
 ) -> tuple[Value, ...] | None:
-    """Gives the states of the plant of the proof at the start of the flying system.
+    """Gives the values of the states of the proof's plant when the flying system starts.
 
     Topics have their defaults. None if there is no map, if a flying plant's state is drawn, or if
     the map reads ages, times or modes, which do not exist yet.

@@ -119,7 +119,7 @@ def div_int(a: int, b: int, span: Span | None = None) -> int:
 
 
 def mod_int(a: int, b: int, span: Span | None = None) -> int:
-    """Gives `a % b` with the sign of `a`, as in C; raises StepFault for b = 0."""
+    """Gives `a % b` with the sign of `a`, as in C; smallest int % -1 is 0; StepFault for b = 0."""
     if b == 0:
         raise StepFault(FaultKind.DIVIDE, span)
     remainder = abs(a) % abs(b)
@@ -156,7 +156,7 @@ def floor(x: float) -> float:
 
 
 def int_of_float(x: float, span: Span | None = None) -> int:
-    """Gives `x` truncated towards zero, as an int; raises StepFault if it is NaN or too large."""
+    """Gives `x` truncated towards zero; raises StepFault if it is NaN or does not fit 64 bits."""
     if -_INT_BEYOND <= x < _INT_BEYOND:
         return int(x)
     raise StepFault(FaultKind.CONVERT, span)

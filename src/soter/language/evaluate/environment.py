@@ -29,7 +29,7 @@ class BudgetExceeded(Exception):  # noqa: N818  not an error: the limit was aske
 
 
 def _refuse_choice(count: int) -> int:
-    """Raises RuntimeError; it is the default of `choose`, which only steps may use."""
+    """Raises RuntimeError; the default for `choose`, which only steps of nodes and plants use."""
     msg = f"nobody chooses between {count} alternatives here"
     raise RuntimeError(msg)
 

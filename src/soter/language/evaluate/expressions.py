@@ -112,7 +112,7 @@ class ExpressionEvaluator(ABC):
             raise BudgetExceeded from None
 
     def set_budget(self, operations: int) -> None:
-        """Sets the most operations that each later call of `value` may take."""
+        """Sets the most operations per later call of `value`; the evaluator must have a budget."""
         assert self._budget is not None
         self._budget = operations
 
@@ -136,7 +136,7 @@ class ExpressionEvaluator(ABC):
             self._refill_from_reserve()
 
     def _refill_from_reserve(self) -> None:
-        """Takes operations from the reserve; raises BudgetExceeded if too few are left."""
+        """Takes operations from the budget's reserve; tells the progress. Raises BudgetExceeded."""
         if self.tell is not None and self.operations_spent > SLICE:
             self.tell(self.operations_spent)
         more = min(self._reserve, SLICE - self._left)

@@ -62,7 +62,7 @@ Tree: TypeAlias = "Slope | tuple[Tree, ...]"
 
 
 class Slopes:
-    """Computes the slopes of expressions, from the slopes of variables and topics."""
+    """Evaluates expressions to slopes; `variables`, `topic` and `param` give what they read."""
 
     def __init__(
         self,
@@ -148,7 +148,7 @@ class Slopes:
         return unknown_tree(e.type, self._states_read(e))
 
     def _states_read(self, e: typed.TypedExpr) -> dict[int, Range]:
-        """Gives each state on which an expression may depend -> the range of all derivatives."""
+        """Gives state -> any derivative, for the states that an expression may depend on."""
         read = [n.variable for n in nodes([e]) if isinstance(n, typed.VarRead)]
         trees = (self.variables[v] for v in read if v in self.variables)
         return dict.fromkeys((k for t in trees for k in _states_in(t)), ANY)
@@ -410,7 +410,7 @@ def _topic_tree(system: System, c: Component, symbol: typed.TopicSymbol) -> Tree
 
 
 def _circles_of_states(jacobian: Sequence[Sequence[Range]]) -> list[list[int]]:
-    """Gives the groups of states that depend on each other; each state is in one group."""
+    """Gives groups of states that depend on each other in a circle; each state is in one group."""
     n = len(jacobian)
     reach = [{j for j in range(n) if jacobian[i][j] != (0.0, 0.0)} for i in range(n)]
     for k in range(n):
@@ -442,7 +442,7 @@ def _end_matrices(jacobian: Sequence[Sequence[Range]], block: Sequence[int]) -> 
 
 
 def _spurious_growth(a: Matrix, step: float, order: int) -> float | None:
-    """Gives the growth factor per step if only the scheme diverges, not the solution; or None."""
+    """Gives the growth factor per step if only the scheme diverges, not the solution; else None."""
     z = [[x * step for x in row] for row in a]
     scheme = _spectral_radius(_scheme_polynomial(z, order))
     parts = 2 ** max(0, math.ceil(math.log2(max(_matrix_norm(z), 1e-300))) + 4)

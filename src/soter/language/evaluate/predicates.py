@@ -275,7 +275,7 @@ class _NanFinder(RangeEvaluator):
         return True
 
     def _with_part(self, old: Known, of: Type, steps: list[Range], value: Known) -> Known:
-        """Gives `old` with `value` as a possible value of the part at the places `steps`."""
+        """Gives `old` in which the part at one of the places `steps` may now be `value`."""
         if not steps:
             return value
         (at, *rest), parts = steps, []

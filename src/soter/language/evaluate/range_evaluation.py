@@ -104,7 +104,7 @@ class RangeEvaluator:
         self._literals: dict[t.Literal, Known] = {}
 
     def evaluate(self, e: t.TypedExpr) -> Known:
-        """Gives the range of `e`; records in `faults` if `e` may fault; may raise TooHardError."""
+        """Gives the range of `e`; `faults` notes whether it may fault. Raises `TooHardError`."""
         self.left -= 1
         if self.left < 0:
             raise TooHardError

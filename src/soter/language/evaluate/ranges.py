@@ -100,7 +100,7 @@ def range_of_prelude(name: str, arguments: list[Range]) -> Range:
 
 
 def comparison_range(op: str, a: Range, b: Range, *, same: bool = False) -> Range:
-    """Gives the range of `a op b`; `same`: both sides are the same expression."""
+    """Gives the truth of `a op b`; `same`: both sides are one expression, equal unless NaN."""
     if op == "!=":
         return negated_truth(comparison_range("==", a, b, same=same))
     if op in {">", ">="}:
@@ -193,7 +193,7 @@ def absolute_range(a: Range) -> Range:
 
 
 def int_range(low: int, high: int, faults: Faults) -> Range:
-    """Gives the range [low, high] limited to 64 bits; records a possible overflow."""
+    """Gives the range [low, high] limited to 64 bits; notes a fault if it lies partly outside."""
     faults.note_fault_unless(low >= INT_MIN and high <= INT_MAX)
     return Range(max(low, INT_MIN), max(min(high, INT_MAX), low, INT_MIN))
 

@@ -56,7 +56,7 @@ def reader_with_limits(
     ages_ns: Mapping[int, int | None],
     leaves_within: Mapping[tuple[int, int], tuple[float, float]] | None = None,
 ) -> Callable[[ReadPlace], Range]:
-    """Gives a reader like `reader_of_sets`, but with greatest ages and with ranges of leaves."""
+    """Gives a reader like `reader_of_sets`, with greatest ages (None: no limit) and leaf ranges."""
     otherwise, within = reader_of_sets(system), leaves_within or {}
 
     def range_at_place(place: ReadPlace) -> Range:
@@ -77,7 +77,7 @@ def reader_with_limits(
 
 
 def reader_of_sets(system: System) -> Callable[[ReadPlace], Range]:
-    """Gives a `read` for a `RangeEvaluator` from the declared sets; it may raise TooHardError."""
+    """Gives a `read` for a `RangeEvaluator` from the declared sets; TooHardError for lists."""
 
     def range_at_place(place: ReadPlace) -> Range:
         if place.kind == "topic" and not has_list(system.topics[place.index].type):
@@ -91,7 +91,7 @@ def reader_of_sets(system: System) -> Callable[[ReadPlace], Range]:
 
 
 def constant_truth(condition: TypedExpr, system: System, scope: Scope) -> bool | None:
-    """Gives the truth of a condition if it is constant while topics are in their sets; or None."""
+    """Gives the value that a condition always has if topics are in their sets; else None."""
     evaluator = RangeEvaluator(scope, 0, reader_of_sets(system))
     evaluator.left = BUDGET
     try:
@@ -254,7 +254,7 @@ class _LimitReader:
         self.evaluator = Evaluator.for_scope(scope)
 
     def signal_limits(self, predicate: typed.TypedExpr, by: str) -> Iterator[Limit]:
-        """Yields the limits of signals in the conjuncts of a predicate, which is called `by`."""
+        """Yields the limits of single signals in the conjuncts of a predicate; `by`: its name."""
         for part in conjuncts(_inlined_call(predicate)):
             opened = _inlined_call(part)
             parts = conjuncts(opened) if opened is not part else [part]
@@ -327,7 +327,7 @@ class _LimitReader:
             return None
 
     def _signal_name(self, e: typed.TypedExpr) -> str | None:
-        """Gives the name, for reports, of a leaf of a topic or of a plant's true state; or None."""
+        """Gives the name of a leaf of a topic or of the truth of a plant, as reports call it."""
         path: list[str] = []
         while isinstance(e, (typed.TypedField, typed.Index)):
             if isinstance(e, typed.TypedField):

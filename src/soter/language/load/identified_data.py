@@ -10,7 +10,7 @@ from soter.language.load.named_files import parse_json
 
 
 class DataError(Exception):
-    """An error for a data file without a value of the declared type; the text says why."""
+    """An error for a data file whose content is no value of the declared type, with the reason."""
 
 
 IDENTIFIED = "$identified"
@@ -18,7 +18,7 @@ IDENTIFIED = "$identified"
 
 
 def held_out_episodes(raw: bytes) -> int | None:
-    """Gives the number of held-out episodes recorded in a JSON data file; None for other files.
+    """Gives the number of held-out episodes on which a JSON data file rests; None for other files.
 
     Raises `DataError` if the file has the key `IDENTIFIED` without such a number.
     """

@@ -86,7 +86,7 @@ def read_data(path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, 
 
 
 def _value_in(t: Type, document: object, tell: Callable[[int], None]) -> Value:
-    """Gives the value in a parsed document, as a `Table` if the type is one for tables."""
+    """Gives the value in a parsed document; it is a `Table` if `is_table` holds of the type."""
     if isinstance(document, Table):
         check_length(t, len(document), "")
         return document
@@ -251,7 +251,7 @@ class SourceAccess:
         return read_data(path, t, tell)
 
     def known_constants(self, _: LoadedFile) -> dict[str, tuple[Value, int]]:
-        """Gives constant -> (value, number of operations), for an unchanged file.
+        """Gives constant -> (value, operations it took), for an unchanged file.
 
         The checker does not compute these again, and adds those that it computes.
         """

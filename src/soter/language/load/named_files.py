@@ -38,10 +38,10 @@ class ReadError(OSError):
 
 
 def read_bytes(path: Path, limit: int = TEXT_MAX, *, special: bool = False) -> bytes:
-    """Gives the content of a file; raises ReadError if the file is longer than `limit` bytes.
+    """Gives the content of a file of at most `limit` bytes; raises `ReadError`.
 
-    Pipes and devices are read only if `special` allows them, since reading them could wait for
-    ever. A pipe that nobody writes into is refused at once.
+    Pipes and devices are only read if `special` allows them: an import of one could wait for ever.
+    A pipe without a writer is not waited for.
     """
     with open_finite_file(path, limit, pipes=special, devices=special) as file:
         try:
@@ -111,7 +111,7 @@ def _read_pipe(handle: int, most: int) -> bytes:
 
 
 def path_beside(path: Path, name: str) -> Path | None:
-    """Gives the path of the file `name` in the folder of `path`.
+    """Gives the path of the file `name` in the folder of `path`, as `path` is written.
 
     None if the file lies outside of that folder. If `path` is a link, the file may also lie in the
     folder of the link's target.
@@ -207,7 +207,7 @@ class BindingText(NamedTuple):
 
     @property
     def remembered(self) -> str:
-        """Gives `input=output` pairs by which an ONNX policy gets outputs back; "" if none."""
+        """Gives the pairs `input=output` by which an ONNX policy remembers outputs; "" if none."""
         return ",".join(part for part in self.name.split(",") if part != CLIP)
 
     @property

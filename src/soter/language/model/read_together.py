@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def allowed_stamp_differences(system: System, topics: Iterable[int]) -> list[tuple[int, int, int]]:
-    """Gives (topic, topic, ns) for pairs of topics: the largest difference of their stamps."""
+    """Gives (topic, topic, ns) for pairs of `topics`: how far apart their stamps may be."""
     limited = [i for i in topics if system.topics[i].max_age_ns is not None]
     instants = {
         index: (c.period_ns, c.phase_ns)

@@ -147,8 +147,8 @@ class Component:
     """A part of a system that is released periodically: a plant, a DM or a node.
 
     `role` is "plant", "dm", "sc", "ac" or "node". Releases are at phase + k * period, k >= 0.
-    `order` is the position among the steps of one instant (ruling 5): first plants, then DMs, SCs,
-    and the rest; equals stay in declared order.
+    `order` is the position in the deployed order within an instant (ruling 5): plants, then DMs,
+    then SCs, then the rest; ties are in declared order.
     """
 
     index: int
@@ -192,7 +192,7 @@ class Component:
 
     @property
     def in_thread(self) -> bool:
-        """Whether the component runs in the trusted thread, as Soter code and `inline` nodes do."""
+        """Whether the component runs in the trusted part's thread: Soter code, or `inline`."""
         return self.plant is None and (self.inline or not self.extern)
 
     @property
@@ -474,7 +474,7 @@ class TestPlan:
 
 @dataclass(eq=False)
 class System:
-    """A system whose nested systems, modules and loops are resolved into components and topics."""
+    """A flattened system."""
 
     name: str
     program: TypedProgram
@@ -519,7 +519,7 @@ class System:
 
 
 def environment_topics(system: System) -> tuple[int, ...]:
-    """Gives the indices of topics that only the environment sets: inputs, and drawn topics."""
+    """Gives indices of topics that only the environment sets: inputs, and what a driver draws."""
     drawn = {d.topic for d in system.inputs}
     return tuple(
         [

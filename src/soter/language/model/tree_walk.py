@@ -421,7 +421,7 @@ def _all_conjuncts(e: typed.TypedExpr) -> list[typed.TypedExpr]:
 
 
 def returned(call: typed.TypedCall) -> typed.TypedExpr | None:
-    """Gives a call's value as an expression; None if the function is more than one `return`."""
+    """Gives a call's `return` expression, arguments put in; None if the function has more code."""
     body = call.fun.body
     if body is None or len(body) != 1 or not isinstance(body[0], typed.TypedReturn):
         return None
@@ -459,7 +459,7 @@ def _comparable_form(e: Any) -> object:  # noqa: ANN401 - any part of an express
 
 
 def _may_differ(fun: typed.FunSymbol) -> bool:
-    """Whether two calls with equal arguments may differ, by a `choose` or because of an extern."""
+    """Whether two calls with equal arguments may differ, by a `choose` or an extern's memory."""
     todo, seen = [fun], {fun}
     while todo:
         body = todo.pop().body

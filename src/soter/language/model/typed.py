@@ -460,7 +460,7 @@ class NodeSymbol(Symbol):
         return [(t.name.rpartition(".")[2], self.answer_type(t)) for t in self.publishes]
 
     def answer_type(self, topic: TopicSymbol) -> Type:
-        """Gives the type of a step's publications on a topic: a list type if it may be a burst."""
+        """Gives the type of what a step publishes on a topic: its own, or a list for a burst."""
         limit = self.bursts.get(topic)
         return topic.type if limit is None else ListType(topic.type, limit)
 
@@ -694,7 +694,7 @@ class ModuleSymbol(Symbol):
 
     @property
     def synthesized(self) -> bool:
-        """Whether `sc synthesized period d;` leaves SC to be found by the prover."""
+        """Whether SC is still to be found: `sc synthesized period d;`."""
         return self.sc.name == SYNTHESIZED
 
     @property
@@ -841,7 +841,7 @@ class MeasureSymbol(Shown):
 
 @dataclass(eq=False, repr=False)
 class InputSymbol(Shown):
-    """`input topic [in { values }] every d;`: without `values`, draws from the topic's set."""
+    """`input topic [in { values }] every d;`: without values the whole set of the topic."""
 
     path: str
     topic: TopicSymbol
@@ -892,7 +892,7 @@ class ByContract(Symbol):
 
 @dataclass(eq=False, repr=False)
 class SystemSymbol(Symbol):
-    """A system: its instances, properties and changed parameters."""
+    """A system: instances, properties and overrides."""
 
     default: bool
     instances: tuple[InstanceSymbol, ...]
@@ -918,7 +918,7 @@ class SystemSymbol(Symbol):
 
 @dataclass(eq=False, repr=False)
 class TestSymbol(Symbol):
-    """A `test` block for `soter test`; `order`: the place where it demands the deployed order."""
+    """A `test` block; executed by `soter test`. `order`: where it declares the deployed order."""
 
     system: SystemSymbol
     replaces: tuple[tuple[str, NodeSymbol | PlantSymbol | ByContract, Span], ...]

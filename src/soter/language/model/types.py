@@ -311,13 +311,13 @@ def write_ns(ns: int) -> str:
 
 
 class WrongTextError(Exception):
-    """Reports that a text or number is no valid value; the message lists the valid values."""
+    """An error for a text or number that is no valid value; the message says which values are."""
 
 
 def duration_ns(duration: float | str) -> int:
     """Gives the ns of a text with a unit (`"30s"`, `"1.5 min"`), or of a number of seconds.
 
-    The result is exact: `"0.1s"` is 100,000,000 ns. Raises `WrongTextError` for other texts.
+    The result is exact: `"0.1s"` is 100,000,000 ns. Raises `WrongTextError`.
     """
     if isinstance(duration, str):
         ns = _ns_of_text(duration.strip())

@@ -270,9 +270,9 @@ def from_python(t: Type, value: object, path: str = "") -> Value:
 
     Floats: anything with `__float__`, but no array with dimensions. Ints: anything with
     `__index__`, in the type's range. Bools: bools. Enums: the name of a member. Records: a mapping
-    with exactly the fields, an object with the fields as attributes, or a sequence or array with an
-    element for each field. Arrays and lists: a sequence or array of the right length. NaN and
-    infinities are allowed here; the gate refuses them later.
+    with exactly the fields, an object with the fields as attributes, or a sequence or array of one
+    element for each field. Arrays: a sequence or array of that length; lists: up to it. A float may
+    be NaN or infinite: the gate refuses it, not the shape.
     """
     if hasattr(value, "tolist") and hasattr(value, "ndim"):
         value = cast("Any", value).tolist()
@@ -436,7 +436,7 @@ def _field_path(path: str, name: str) -> str:
 def _shape_error(
     path: str, expected: str, value: object, *, parts: bool = False
 ) -> ValueShapeError:
-    """Gives the error that `value` is not as `expected`; `parts`: the message counts its parts."""
+    """Gives the error that `value` is not as `expected`; `parts`: which has several parts."""
     structure = parts or isinstance(value, Mapping) or _is_sequence(value)
     error = ValueStructureError if structure else ValueShapeError
     return error(

@@ -202,10 +202,10 @@ def lex(source: Source) -> Tokens:
 
 
 def _turn_soft_words_into_names(kinds: list[str]) -> None:
-    """Turns reserved words into names if their neighbours show it: `next` in `m.next`.
+    """Turns reserved words into names where their neighbours show it: `next` in `m.next`.
 
-    Such a word is a name after a token such as `.`, and before `=`, `:`, an operator or a closing
-    bracket.
+    Such a word is a name after a token that a name follows, and before `=`, `:`, an operator or a
+    closing bracket.
     """
     for i, kind in enumerate(kinds):
         if kind in SOFT and (kinds[i + 1] in _NAME_BEFORE or (i and kinds[i - 1] in _NAME_FOLLOWS)):
@@ -228,7 +228,7 @@ def string_value(text: str) -> str:
 
 
 def printable(text: str, limit: int = 24) -> str:
-    """Gives a text for quoting in a message: printable, on one line, at most `limit` characters."""
+    """Gives a text to quote in a message: printable, on one line, cut after `limit` characters."""
     shown = "".join(c if c.isprintable() else _code_point_text(c) for c in text[:limit])
     return shown + "..." if len(text) > limit else shown
 

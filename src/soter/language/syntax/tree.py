@@ -483,7 +483,7 @@ class LocalVar(Node):
 
 @node(kw_only=True)
 class NodeDecl(Decl):
-    """`node` or `extern node`; `step` is None if it is extern, or after a syntax error."""
+    """`node` or `extern node`; `step` is None only if it is extern, or after a syntax error."""
 
     period: SyntaxExpr
     phase: SyntaxExpr | None

@@ -303,7 +303,7 @@ class _BoundedReader1(Reader1):
 
 
 def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Gives each message: arrival, channel, content (None: unwanted). Raises ContradictionError."""
+    """Gives messages in order: arrival, channel, content (None: unwanted). ContradictionError."""
     facts.unchecked = True
     writers = Writers()
     facts.size = path.stat().st_size

@@ -53,7 +53,7 @@ PADDING = (b"\0", b"\xff")
 
 @dataclass
 class _Format:
-    """A kind of messages; `instance` is the field with the sensor's number, "" or None: unknown."""
+    """A kind of messages; `instance`: the field that tells sensors apart, "" or None: unknown."""
 
     name: str
     length: int

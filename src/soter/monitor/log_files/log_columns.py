@@ -89,7 +89,7 @@ class Columns:
 
 @dataclass(frozen=True)
 class FarStamps:
-    """Stamps that differ from the log's clock by more than its length; `offset_s`: the furthest."""
+    """Stamps further from the log's clock than its length; `offset_s`: the furthest, signed."""
 
     samples: int
     offset_s: float
@@ -203,7 +203,7 @@ def opened_log(path: Path) -> Iterator[BinaryIO]:
 
 
 def wrong_format_error(path: Path, format_name: str) -> SoterError:
-    """The SoterError D016 for a file whose content does not fit the format in its name."""
+    """The SoterError D016 for a file that does not begin as its name says."""
     return unusable_log_error(path, f"it is no {format_name}", *remedies_for_file(path))
 
 
@@ -217,7 +217,7 @@ def damaged_log_error(path: Path, why: str, *helps: str) -> DamagedLogError:
 
 
 def wanted_columns(path: Path, mapping: LogMap, *, table: bool) -> dict[str | None, Wanted]:
-    """The needs of a mapping by channel (None: a table). Raises D016 if a channel has two types."""
+    """What a mapping needs of each channel; a table is the channel None. SoterError D016."""
     by_channel: dict[str | None, Wanted] = {}
     for t in mapping.topics:
         if not t.names:
@@ -450,7 +450,7 @@ class Writers:
         self._last[channel] = writer
 
     def note_publishers(self, channel: str, publishers: int) -> None:
-        """Notes how many publishers a ROS 2 bag lists for a channel without their names."""
+        """Notes how many publishers a bag of ROS 2 lists for a channel, without their names."""
         self._offered[channel] = max(publishers, self._offered.get(channel, 0))
 
     @property

@@ -183,7 +183,7 @@ def default_definitions(wanted: MessageType | None, ros: int) -> Definitions:
 def message_decoder(
     name: str, definitions: Definitions, encoding: Literal["cdr", "ros1"]
 ) -> Callable[[bytes], Any]:
-    """Gives the function from bytes to a message; like this one, it may raise UndecodableError."""
+    """Gives the function from bytes to a message; it and this function raise UndecodableError."""
     from rosbags.typesys.store import Typestore  # noqa: PLC0415 - an extra
 
     full = ros2_name(name)
@@ -206,7 +206,7 @@ def message_decoder(
 
 
 def _needed_types(full: str, definitions: Definitions) -> Definitions:
-    """The types in a message, without constants; raises UndecodableError if large or endless."""
+    """The types that a message is made of, without constants; UndecodableError if harmful."""
     sizes: dict[str, tuple[int, int]] = {}
     _measure_type(full, definitions, sizes, ())
     if sum(len(definitions[name][1]) for name in sizes) > FIELDS_MAX:
@@ -270,7 +270,7 @@ READ = "json, cdr, ros1 and protobuf are read"
 
 
 def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Gives each message: log time, channel, content (None: unwanted); raises D016, D007."""
+    """Gives messages: log time, channel, content (None: unwanted). Counts all. D016, D007."""
     require_log_package()
     try:
         with open_finite_file(path) as file:

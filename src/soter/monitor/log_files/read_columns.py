@@ -206,7 +206,7 @@ TWO_ORDERS = "{} has two orders, {} and {}, and joints are taken by number: `whe
 
 
 def _note_order(message: Any, asked: Wanted, channel: str, orders: dict[str, list[str]]) -> None:  # noqa: ANN401 - what a message has
-    """Notes the first two orders of joint names, unless the mapping chooses a joint by name."""
+    """Notes the first two orders of joint names, unless the mapping chooses one."""
     for path in {f"{m[1]}name" for name in asked.names if (m := ELEMENT.fullmatch(name))}:
         with suppress(NoPartError, TypeError):
             seen = orders.setdefault(f"`{path}` of `{channel}`", [])
@@ -218,7 +218,7 @@ def _note_order(message: Any, asked: Wanted, channel: str, orders: dict[str, lis
 def _ends_and_notes(
     mapping: LogMap, counted: list[tuple[int, int]], others: list[tuple[int, str]]
 ) -> tuple[tuple[int, int], int, list[str]]:
-    """The begin and end of the log, the ns for which other channels continue, and notes."""
+    """The begin and end of the log, the ns that other channels go on after it, notes on these."""
     near, notes = _near_times(counted, others)
     file_ends = _begin_and_end(counted, near)
     ends = _begin_and_end(counted, []) if mapping.where else file_ends
@@ -232,7 +232,7 @@ def _ends_and_notes(
 def _wanted_channels(
     path: Path, mapping: LogMap, wanted: dict[str | None, Wanted]
 ) -> dict[str, Wanted]:
-    """The needs of a mapping by channel; raises D016 if the mapping of a topic names no channel."""
+    """The wanted columns by channel; SoterError D016 where a mapped topic names no channel."""
     for t in mapping.topics:
         if None in wanted and t.names and t.channel is None:
             raise unusable_log_error(path, f"the mapping of `{t.topic.name}` names no `channel`")
@@ -240,7 +240,7 @@ def _wanted_channels(
 
 
 class _TimeOrder:
-    """Notes the times that are before the last ones, in the order of messages in the file."""
+    """Notes where times go back from one channel to another, in the order of the file."""
 
     def __init__(self) -> None:
         self.latest_ns: int | None = None
@@ -390,7 +390,8 @@ def read_columns(
 ) -> dict[str | None, Columns]:
     """The columns of each channel of a mapping; a single CSV is channel None. Raises D016, D007.
 
-    If several CSVs are read, each is a channel. `partial`: a damaged file is read up to the damage.
+    Of several CSVs, each is a channel, under its name in the mapping. `partial`: a damaged file is
+    read up to the damage.
     """
     paths = [log] if isinstance(log, Path) else [*log]
     path = paths[0]

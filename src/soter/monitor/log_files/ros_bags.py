@@ -115,9 +115,9 @@ def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Ite
 
 
 def _bag_of_file(path: Path) -> _Bag2:
-    """The bag of a single file, with counts if metadata beside the file name it.
+    """The bag of a file given alone; its counts are known where metadata beside it name it.
 
-    Raises SoterError D016 if the metadata name other files, since the file is then a part of a bag.
+    SoterError D016 where they name other files: the file is a part, or of another bag.
     """
     require_no_split(path)
     storage = "mcap" if path.suffix.lower() == ".mcap" else "sqlite3"

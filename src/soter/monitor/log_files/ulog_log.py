@@ -99,7 +99,7 @@ def _content_by_name(fields: tuple[_Field, ...], values: Iterator[Any]) -> dict[
 
 @dataclass(frozen=True)
 class _Topic:
-    """The topic with a certain id; `name` has its instance; padding at the end may be absent."""
+    """The topic logged under an id: `name` with its instance; end padding may be left out."""
 
     name: str
     fields: tuple[_Field, ...]
@@ -266,7 +266,7 @@ class _UlogReading:
         return self.known[name]
 
     def _fields_of_format(self, name: str, depth: int) -> tuple[_Field, ...]:
-        """The fields of a format; raises ValueError if it is too long or contains itself."""
+        """The fields of a format; ValueError if it is longer than a message or contains itself."""
         made: list[_Field] = []
         for text in filter(None, self.formats[name].split(";")):
             match = FIELD.fullmatch(text)

@@ -40,7 +40,7 @@ class Instant(NamedTuple):
 
 
 class PageWords(NamedTuple):
-    """The texts of a counterexample page; `violated` is the text of the property that failed."""
+    """The texts of a page from its heading to its grounds; `violated`: what failed."""
 
     title: str
     headline: str

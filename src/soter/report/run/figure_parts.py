@@ -47,7 +47,7 @@ def group_of_arm(name: str) -> str:
 
 
 def figure_place(figure: Figure, kind: str) -> str:
-    """The empty HTML element into which the page's script draws a figure."""
+    """The HTML element into which a figure will be drawn."""
     height = figure.layout.get("height")
     style = f' style="height:{height}px"' if height else ""
     return (

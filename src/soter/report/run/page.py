@@ -85,7 +85,7 @@ def figure_texts(summary: Summary) -> list[tuple[str, str]]:
 
 
 def value_text(key: str, value: float | str) -> str:
-    """A number of a summary as text; the suffix of its key gives the unit."""
+    """A figure of a summary as text; the end of its key gives the unit."""
     if isinstance(value, str):
         return value
     if isinstance(value, bool):

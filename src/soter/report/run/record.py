@@ -75,13 +75,13 @@ class Way:
 class Flight:
     """One arm of a comparison that moves through a scene.
 
-    `name`: the system's name; `title`: its name for people. `time_s` (N,) increasing; `position`
-    (N, 3) in m; `in_control` (N,) bool, true if AC is in control from this sample to the next;
-    `module`: the RTA module to which `in_control` belongs; `clearance_m` (N,): the distance from
-    the vehicle's surface to the nearest obstacle; `speed` (N,) in m/s. `summary` may hold `lap_s`,
-    `violations`, `switches_to_sc`, `switches_to_ac`, `ac_share` (0..1), `min_clearance_m`, and
-    other figures, which are shown under their keys. `ways`: the plans that the arm got, including
-    refused ones.
+    `name`: the system's name; `title`: what people call it. `time_s` (N,) increasing; `position`
+    (N, 3) in m; `in_control` (N,) bool, true where AC is in control from this sample to the next;
+    `module`: the RTA module it belongs to; `clearance_m` (N,), distance to the nearest obstacle,
+    the vehicle's radius taken off; `speed` (N,) in m/s. `summary` may hold `lap_s`, `violations`,
+    `switches_to_sc`, `switches_to_ac`, `ac_share` (0..1), `min_clearance_m`, and other figures,
+    which are shown under their own names. `ways`: the plans that it was given, those refused among
+    them.
     """
 
     name: str
@@ -161,7 +161,7 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class ModeBand:
-    """Whether AC controls `module` at each of N samples; `told` sums this up in words."""
+    """Whether AC controls `module`: `in_control` (N,) bool; `told`: its figures in words."""
 
     module: str
     in_control: NDArray[np.bool_]
@@ -198,7 +198,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class Cell:
-    """A measured number and the paper's number, as texts with units; `paper` may be empty."""
+    """Our number and the paper's, as texts with units; `paper` may be empty."""
 
     ours: str
     paper: str = ""
@@ -261,7 +261,7 @@ class ReportPage:
 
 
 def _sample_count(time_s: NDArray[np.float64]) -> int:
-    """The number N of samples; raises ValueError unless `time_s` (N,) is an increasing axis."""
+    """The number N >= 1 of samples; ValueError unless `time_s` is (N,) and never runs backwards."""
     if time_s.ndim != 1 or time_s.size == 0:
         raise ValueError(f"time_s: shape (N,) with N >= 1 expected, found {time_s.shape}")
     if not bool(np.all(np.diff(time_s) >= 0)):

@@ -127,7 +127,7 @@ def _limits_by_signal(system: System) -> dict[str, list[Threshold]]:
 
 
 def _series_with_limits(series: Series, demanded: Mapping[str, list[Threshold]]) -> Series:
-    """A copy of the signal with those of its limits that the drawing can show."""
+    """The signal with those of its limits that are near enough to be drawn."""
     marks = _visible_levels(series.values, tuple(demanded.get(series.name, ())))
     return replace(series, thresholds=(*series.thresholds, *marks)) if marks else series
 

@@ -216,7 +216,7 @@ def _axes_and_margins(stack: _Stack) -> Json:
 
 
 def _titled_panels(series: Iterable[Series]) -> list[tuple[str, list[Series]]]:
-    """The panels in order of first appearance, each with its title and its series."""
+    """The panels in order of appearance: a title with unit and overlays, and the series."""
     groups: dict[str, list[Series]] = {}
     for each in series:
         groups.setdefault(each.panel or each.name, []).append(each)
@@ -224,7 +224,7 @@ def _titled_panels(series: Iterable[Series]) -> list[tuple[str, list[Series]]]:
 
 
 def _panel_title(name: str, members: Sequence[Series]) -> str:
-    """The name and unit of a panel, with the names of the dashed lines on it."""
+    """A panel's name and unit, and the names of the lines drawn over the first one."""
     title = quantity(name, unit_of(members[0], members))
     title += ", steps too dense to tell apart" if is_dense(members[0]) else ""
     overlays = [
@@ -268,7 +268,7 @@ def _chart_indices(chart: Chart) -> NDArray[np.intp]:
 def _panel_traces(
     stack: _Stack, row: int, chart: Chart, series: Sequence[Series], chosen: NDArray[np.intp]
 ) -> list[Json]:
-    """The traces of one panel: the first as a solid line, others dashed and named at their ends."""
+    """The traces of one panel: the first in ink, others dashed and named at their ends."""
     traces: list[Json] = []
     for (colour, dash), each in zip(OVERLAYS * len(series), series, strict=False):
         unit = f" {each.unit}" if each.unit else ""

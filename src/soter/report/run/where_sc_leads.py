@@ -39,7 +39,7 @@ class LedLook:
 
 @dataclass(frozen=True, eq=False)
 class LedPicture:
-    """The predictions for one module, in order of time: some of its `of` looks, over n states."""
+    """A module: n states by name and unit, and some of its `of` looks, in order of time."""
 
     module: str
     names: tuple[str, ...]
@@ -49,7 +49,7 @@ class LedPicture:
 
 
 def led_json(picture: LedPicture) -> dict[str, Any]:
-    """The picture as JSON for the page's script, with states as integers in units of `scale`."""
+    """The picture as JSON for the page's script: ms, and states as integers over `scale`."""
     every = np.concatenate([look.boxes for look in picture.looks])
     shown = every[every[:, 0] != FAILED] if (every[:, 0] != FAILED).any() else every
     spans = np.maximum(shown[:, 4::2].max(axis=0) - shown[:, 3::2].min(axis=0), 1e-9)

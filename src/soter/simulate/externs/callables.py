@@ -146,7 +146,7 @@ def close_externs(bound: Mapping[str, object]) -> None:
 
 
 def policy_assumptions(bound: Mapping[str, object]) -> list[str]:
-    """A sentence for each policy whose file leaves assumptions open, which lists them."""
+    """A sentence for each policy on the assumptions that its file leaves open."""
     pairs = [(name, getattr(extern, "assumed", ())) for name, extern in bound.items()]
     return [f"{name} assumes, as its file does not say: {'; '.join(x)}" for name, x in pairs if x]
 
@@ -174,7 +174,7 @@ def _python_callable(system: System, extern: Extern, stop: StopRequest, *, apart
 
 
 def _load_within_memory(load: Callable[[], object]) -> object:
-    """Loads a policy whose graph may take at most `POLICY_MEMORY` more memory."""
+    """Loads a policy with at most `POLICY_MEMORY` more memory; its graph may want any amount."""
     with suppress(ImportError, OSError, ValueError):  # other systems have no /proc
         from resource import RLIMIT_AS, getrlimit, setrlimit  # noqa: PLC0415 - POSIX only
 

@@ -147,7 +147,7 @@ class _LossyStderr(io.FileIO):
 
 
 def main(path: str) -> int:
-    """Answers requests until the process is ended; returns an exit status if it cannot start."""
+    """Answers requests until the process is ended; gives an exit status if it cannot."""
     words = io.TextIOWrapper(_LossyStderr(2, "w"), errors="backslashreplace", line_buffering=True)
     sys.stdout = sys.stderr = sys.__stdout__ = sys.__stderr__ = words  # type: ignore[misc]
     spec: Spec = pickle.loads(Path(path).read_bytes())  # noqa: S301 - soter wrote it
@@ -337,7 +337,7 @@ def _checked_parts(t: Type, data: Any) -> Value:  # noqa: ANN401 - anything at a
 
 
 class VirtualTimeResponder:
-    """Answers the questions that a `ProcessExtern` asks its child, with JSON."""
+    """Answers the questions to a node in a `ProcessExtern`'s child: a letter, data; JSON back."""
 
     def __init__(self, name: str, load: Callable[[], object], shapes: Shapes) -> None:
         self._name, self._load, self._shapes = name, load, shapes

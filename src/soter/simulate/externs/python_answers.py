@@ -150,7 +150,7 @@ SAID_MAX = 600
 
 
 class _Gate:
-    """Notes the first output value that the gate refuses, as states hold only the fault's kind."""
+    """Notes leaf, value and bound of an output that the gate refuses; states hold only the kind."""
 
     def __init__(self, system: System, component: Component) -> None:
         self.name = component.name

@@ -45,10 +45,10 @@ GIVEN_UP, HAD = "given_up", "had"
 
 
 def shrink_core(case: Case) -> bool:
-    """Replaces K by W if only a few cells of K lack a way back; returns whether it did.
+    """Replaces K by W if only a few cells of K lack a way back, and returns whether it did.
 
-    Cells at the border of K have only chains whose images need all of K. W serves as well: its
-    cells have chains in C whose images lie in W, and SC keeps Q.
+    At its border K has cells that SC keeps only by chains whose images need all of K. W serves as
+    well: its cells have chains in C whose images lie in W, and SC keeps Q.
     """
     failures = case.failures_of("P2b")
     if case.problem.computed or not failures or not _has_few_stuck_cells(failures):
@@ -75,10 +75,10 @@ def _give_up_stuck_cells(case: Case, failures: list[Failure]) -> None:
 
 
 def cases_with_way_back(done: list[Case]) -> list[Case]:
-    """Examines P2b of cases with computed predicates, and returns these cases.
+    """The cases with P2b examined, where predicates are computed.
 
-    If a few cells of K have no way back, K loses them and everything that follows from K is
-    computed anew. The new sets are kept if they show P2b and no other claim is lost.
+    If a few cells of K have no way back, they are given up and all that follows from K is computed
+    anew. The new sets are kept if they show P2b and no other claim is lost.
     """
     _examine_way_back(done)
     if not any(case.failures_of("P2b") for case in done):
@@ -173,10 +173,10 @@ SIZES = ("half", "a quarter of")
 class Choice:
     """A problem with the chosen cells and number of levels, and its cases.
 
-    `done`: all cases; None if the dynamics have no enclosure. `why`: the claim that fails with
-    `LEVELS_DEFAULT` levels, if fewer were chosen, else "". `size`: the size of the cells in words,
-    if smaller cells than declared were chosen, else "". `failed`: the claim of `FAILED` for which
-    they were chosen. `tried`: if none were chosen, a line for each size that was tried.
+    `done`: all cases; None if the dynamics have no enclosure. `why`: what is not shown with
+    `LEVELS_DEFAULT` levels, in words, if fewer were chosen, else "". `size`: the size of the cells
+    in words, if smaller cells than declared were chosen, else "". `failed`: the claim of `FAILED`
+    for which they were chosen. `tried`: if none were chosen, a line for each size that was tried.
     """
 
     problem: Problem
@@ -188,7 +188,7 @@ class Choice:
 
     @property
     def notes(self) -> list[str]:
-        """A line for each group with smaller cells, and a line if fewer levels were chosen."""
+        """Lines for each group whose cells are smaller, and one if fewer levels were chosen."""
         levels = f"levels {self.problem.levels}: with {LEVELS_DEFAULT}, as by default, {self.why}"
         pairs = zip(self.problem.declared_groups, self.problem.groups, strict=False)
         counts = filter(None, (cell_counts_in_words(a, b) for a, b in pairs))
@@ -240,10 +240,10 @@ def _failing_groups(choice: Choice, claim: str) -> list[Group]:
 
 
 def _choice_with_levels(problem: Problem, attempt: Attempt) -> Choice:
-    """The choice with the program's number of levels, or with the better of two numbers.
+    """The choice with the program's number of levels, or, if it is open, with the better of two.
 
-    The default number is taken, unless with the fewest levels only a part of the same claims fail.
-    CPU time does not decide. If P2a fails, the default number stays.
+    The default number is taken, unless with the fewest levels only some of the same claims fail.
+    CPU time does not decide. Where P2a fails the default number is kept.
     """
     if problem.levels_open and problem.levels != LEVELS_DEFAULT:
         problem = replace(problem, levels=LEVELS_DEFAULT)

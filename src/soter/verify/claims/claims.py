@@ -281,7 +281,7 @@ LEAST_S = 4.0
 
 
 def postpone_p2b(case: Case) -> bool:
-    """Returns whether a cheaper claim fails; if so, notes that P2b was not examined."""
+    """Returns whether a cheaper claim fails; if so, enters P2b as a failure not examined."""
     failing = next((f.claim for f in case.failures if f.claim in CHEAPER), None)
     if failing is not None:
         case.fail("P2b", f"not looked at to the end: `{failing}` fails first").cut = True

@@ -103,7 +103,7 @@ def product_holds(forms: CompiledEnclosures, parts: Sequence[CellsPart], predica
 def _holds_on_product(
     forms: CompiledEnclosures, parts: Sequence[CellsPart], predicate: str
 ) -> bool:
-    """Whether a conjunct is true everywhere on the product; splits blocks until it is decided."""
+    """Whether one conjunct is true all over the product: splits blocks until it is on each."""
     todo = [tuple(p.smallest_block() for p in parts)]
     looked = 0
     while todo:
@@ -186,7 +186,7 @@ def _split_longest_block(
 def why_sc_leaves_sets_on_product(
     problem: Problem, forms: CompiledEnclosures, parts: Sequence[CellsPart]
 ) -> str:
-    """Says why SC might fault or publish outside its sets, on the hull of `parts`; "" if not.
+    """Why SC might publish outside its sets, or fault, on the hull of the sets; "" if it cannot.
 
     SC steps at any time, in control or not, so all of C is examined, with every error.
     """

@@ -45,7 +45,7 @@ UNCLAIMED = ("DM",)
 
 @dataclass(frozen=True)
 class Region:
-    """A box of true states in which a claim is not shown, with a range for each state."""
+    """A box of true states where a claim is not shown: names of states with their ranges."""
 
     axes: tuple[tuple[str, float, float], ...]
     parameters: tuple[tuple[str, int], ...] = ()
@@ -126,7 +126,7 @@ class LeavingRun:
 
 @dataclass(frozen=True)
 class FlownFigures:
-    """The figures of a module in a run; `table_bytes` is 0 for a module without tables."""
+    """The figures of a module in a run; `ac_share`: AC's share of the time; 0 bytes: no tables."""
 
     takeovers_per_min: float
     ac_share: float
@@ -215,9 +215,9 @@ class Finding:
 class GroupSets:
     """The sets of one group under one combination of parameter values.
 
-    Arrays have one entry per cell, in C order over the group's axes: `allowed` is C_g, `core` the
-    witnesses of K (0: not in K, otherwise N), `free` R(H). `home` is Q, and `rank` (0: not in W)
-    and `rank_holds` are of W; if `finer` is set (size in words, axes), these are on smaller cells.
+    Arrays have one entry a cell, in C order over the group's axes: `allowed` C_g, `core` the
+    witnesses of K (0: not in K, otherwise N), `free` R(H); `home` those of Q, `rank` (0: not in W)
+    and `rank_holds` of W, on other cells where these are `finer` (size in words, axes).
     """
 
     group: Group
@@ -322,7 +322,7 @@ class ModuleResult:
 
     @property
     def verdict(self) -> str:
-        """The module's verdict: refuted, undecided, assumed or proved; the worst finding counts."""
+        """Refuted or undecided if a finding is, else proved if one is, else assumed."""
         verdicts = {f.verdict for f in self.findings.values()}
         for verdict in (REFUTED, UNDECIDED):
             if verdict in verdicts:
@@ -342,7 +342,7 @@ class ModuleResult:
 
     @cached_property
     def not_rechecked(self) -> str | None:
-        """Says why `soter recheck` cannot check the module; "" if it can, None if unproved."""
+        """Why `soter recheck` cannot check the module; "": it can; None if unproved or unknown."""
         held = self.verdict in (PROVED, ASSUMED)
         return self.ask_rechecker() if held and self.ask_rechecker is not None else None
 

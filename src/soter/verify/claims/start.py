@@ -83,7 +83,7 @@ def _start_in_words(case: Case, axis: Axis) -> str:
 
 
 def why_not_entered(case: Case) -> str:
-    """Says why `enters` is not shown to keep the state in R(H); "" if it is shown."""
+    """Why `enters` is not shown to imply that the state lies in R(H), in words; "": it is."""
     problem, library = case.problem, case.forms.library
     if library.symbol(ENTERS) == library.ffi.NULL:
         return "what it says cannot be enclosed"
@@ -192,7 +192,7 @@ def _are_published_together(problem: Problem, topics: set[str]) -> bool:
 
 
 def _without_plants(problem: Problem) -> tuple[System, int]:
-    """A copy of the module's system in which nothing publishes what SC reads, and SC's index."""
+    """The module's system without plants, in which nothing publishes what SC reads; SC's index."""
     system = derived_systems.module_alone(problem.system, problem.module)
     system = derived_systems.with_module(system, replace(system.modules[0], shield=None))
     return derived_systems.with_forced_mode(system, 0, "sc"), system.modules[0].sc

@@ -174,7 +174,7 @@ class Sensors:
 def check_sensors(
     deployed: System, proof_system: System, problem: Problem, diagnostics: Diagnostics
 ) -> tuple[list[str], list[str]]:
-    """Checks the sensors (D019); returns sentences on covered inputs and on assumptions."""
+    """Checks the sensors (D019); returns sentences on what they cover, and on assumptions."""
     s = Sensors(deployed, proof_system, problem)
     before = len(diagnostics.items)
     stepped = problem.kind == "map"

@@ -367,10 +367,10 @@ class _Inputs:
             self.check.add_failure(f"at {where} its level is {got[k]}, not {levels[k]}")
 
     def _acting_commands(self, table: GroupTable, acted_ns: int | None) -> Iterator[ActingCommands]:
-        """Yields pairs of a cell of the held command and a cell of a command that may still act.
+        """Each pair of a cell of the held command and a cell of a command that may still act.
 
-        Each pair has the offsets and values of both, and the samples that permit both. If
-        `acted_ns` is None, only the held command acts.
+        A pair has offset and value of both, and the samples at which both are permitted. With
+        `acted_ns` None only the held command acts.
         """
         shield = self.module.shield
         if shield is None or table.commands is None:

@@ -190,10 +190,10 @@ FULL = 2
 class CommandTable:
     """The commands that a shield permits.
 
-    `tops`: for each grid cell and command cell i the first command cell whose commands may not act
-    together with those of i; 0 if those of i may not act at all. `control`: the index of the
-    control, None if no control moves the group. `lasting`: 1 for each grid cell and command cell
-    whose commands may act for longer, else 0; None if the shield does not need it.
+    `tops`: for each cell and command cell i the number of the first command cell whose commands may
+    not act together with those of i; 0 if those of i may not act. `control`: the number of the
+    control; None if none moves the group. `lasting`: for each cell and command cell 1 where its
+    commands may act for longer, else 0; None if the shield does not need it.
     """
 
     control: int | None
@@ -385,9 +385,9 @@ def grid_ends(
 def place_function(
     w: Writer, name: str, edges: Sequence[float], *, wraps: bool = False
 ) -> t.FunSymbol:
-    """Makes `fun place(x: float): int`: the number of the cell that contains x, or -1.
+    """The function `fun place(x: float): int`: the number of a cell that contains x, or -1.
 
-    `wraps`: the function first moves x by whole turns, if these are not too many.
+    `wraps`: the function first moves x back by whole turns, if these are not too many.
     """
     count = len(edges) - 1
     table = w.array(f"{name}_EDGES", FLOAT, tuple(float(e) for e in edges))

@@ -86,7 +86,7 @@ class Known(Protocol):
         """The pairs (S_0, S_(m-2)) of every case; None if the source does not have them."""
 
     def check_build(self, problem: Problem, level_tables: Found) -> None:
-        """Receives the tables of a module's DM, if it has any; may raise an error against them."""
+        """Is told the tables of a module's DM (none: no predicates); may raise to refuse them."""
 
 
 def modules_to_complete(flat: System) -> list[Module]:
@@ -398,7 +398,7 @@ def _case_with_levels(library: ReachLibrary, problem: Problem, parameter: tuple[
 
 
 def _cache_key(problem: Problem, library: ReachLibrary) -> str:
-    """A hash of everything that determines the sets: enclosures, all numbers, the engine."""
+    """The hash of everything the sets depend on: the enclosures' code, all numbers, the engine."""
     hashed = hashlib.sha256()
     for part in (
         VERSION,
@@ -444,7 +444,7 @@ def _key_parts_of_law(problem: Problem) -> tuple[object, ...]:
 
 
 def engine_files() -> list[Path]:
-    """All source files in `ENGINE_ROOMS`, which determine the computed sets."""
+    """Every file of `ENGINE_ROOMS`, on which the sets depend."""
     files = [f for room in ENGINE_ROOMS for f in files_below(SOTER / room, "*.py", "*.[ch]")]
     texts = [f for room in ("language", "verify") for f in files_below(SOTER / room, "*.soter")]
     return [*files, *texts]

@@ -75,7 +75,7 @@ def moved_commands(
 def _nearest_function(
     w: ShieldWriter, control: int, tables: Sequence[tuple[int, GroupTable]], ends: t.FunSymbol
 ) -> t.FunSymbol:
-    """Makes `fun nearest(mine, other, times, since, x0, ...): float`, which moves a command."""
+    """The function `fun nearest(mine, other, times, since, x0, ...): float` with the search."""
     name = f"{w.name}_toward{control}"
     mine, other, since = (w.variable(v, "parameter", FLOAT) for v in ("mine", "other", "since"))
     times = w.variable("times", "parameter", w.topic.type)
@@ -241,7 +241,7 @@ class ShieldWriter(Writer):
     def ends_function(self) -> t.FunSymbol:
         """A function that finds the least and greatest of cell `own` and those held since `since`.
 
-        It returns least + cells * greatest; its `first` is the index of the control's first time.
+        It returns least + cells * greatest; its `first` is the index of the command's first time.
         """
         times = self.variable("times", "parameter", self.topic.type)
         first, own_cell = (self.variable(n, "parameter", INT) for n in ("first", "own"))

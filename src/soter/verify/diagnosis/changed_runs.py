@@ -85,9 +85,9 @@ class Change:
 
 
 def constant_command(model: PointModel, trace: ModelTrace) -> Floats | None:
-    """The command, (controls,), that SC publishes in all states; None if the command varies.
+    """The command, (controls,), that SC publishes whatever it reads; None if it varies.
 
-    SC is evaluated in states of a run, and in other states that are drawn from the grid.
+    SC is evaluated in states of a run, and in others that are drawn from the grid.
     """
     still = np.zeros(len(model.problem.errors)), np.zeros(len(model.problem.others))
     passed = np.array(trace.states)[np.linspace(0, len(trace.states) - 1, LOOKS).astype(int)]
@@ -153,12 +153,12 @@ def _unchanged_pattern(pattern: Pattern) -> Pattern:
 
 
 def _middle(low: float, high: float) -> float:
-    """The value at which a sign change mirrors a range: 0 if it is inside, else the middle."""
+    """The value at which a sign changes: 0 if that lies inside of a range, or the middle."""
     return 0.0 if low < 0.0 < high else low / 2 + high / 2
 
 
 def _sign_text(about: float) -> str:
-    """The words for a sign change that mirrors a number at the value `about`."""
+    """The words for a sign that was changed at this value."""
     return "with the other sign" if about == 0.0 else f"mirrored at {about:.4g}"
 
 

@@ -114,7 +114,7 @@ def _habit_beside_rest(
 def _habit_of_drift(
     model: PointModel, pattern: Pattern, name: str, seen: tuple[float, float, float]
 ) -> Habit:
-    """The habit of leaving a state; `seen` has its start, its end, and its drift speed per s."""
+    """The habit of leaving a state; `seen`: its start, its end, its speed when pushed at rest."""
     begin, end, speed = seen
     by = ", ".join(pattern_text(model, pattern))
     text = (

@@ -231,9 +231,9 @@ def run_of_sc(
     *,
     beyond: bool = False,
 ) -> ModelTrace:
-    """Runs SC from `start` (states,) until the run leaves C, at most for `until_s` seconds.
+    """A run under SC from `start` (states,) until it leaves C, at most for `until_s` seconds.
 
-    `going`: whether CPU time is left; `beyond`: the run goes on outside C.
+    `going`: whether there is time left; `beyond`: the run goes on outside of C.
     """
     trace = ModelTrace(pattern, [0.0], [np.array(start)])
     try:

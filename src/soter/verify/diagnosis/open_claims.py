@@ -261,7 +261,7 @@ def _where_sc_stops(model: PointModel, go_on: GoOn) -> Floats | None:
 
 
 def _ends_where_sc_stops(case: Case, stop: Floats | None) -> Iterator[str]:
-    """Yields a text for each axis on which SC stops in the outermost cell; `stop` is that point."""
+    """Each axis in whose outermost cell SC stops, with the value; `stop`: where SC stops."""
     if stop is None:
         return
     for a in (a for proof in case.proofs for a in proof.group.axes):
@@ -401,7 +401,7 @@ class _WayBackSearch:
         return self._middle_of_cell(self.grid.found.core > 0), "inside K"
 
     def _middle_of_cell(self, of: Bools) -> Floats:
-        """The middle of the set's cell that is nearest to the middle of the grid."""
+        """The middle of the cell of a set (in the grid's shape) nearest to the grid's middle."""
         x, cells, middle = self.model.start, np.argwhere(of), np.array(of.shape) / 2
         at = cells[int(np.argmin((np.abs(cells - middle) / middle).max(axis=1)))]
         for state, edges, i in zip(self.grid.engine.axes, self.grid.engine.edges, at, strict=True):
@@ -409,7 +409,7 @@ class _WayBackSearch:
         return x
 
     def _lies_in_all_cells_around(self, cells: Bools, x: Floats) -> bool:
-        """Whether all cells that contain the state `x` (states,) belong to a set of cells."""
+        """Whether all cells that hold a state, (states,), are in a set of the grid's shape."""
         pairs = zip(self.grid.engine.axes, self.grid.engine.edges, strict=True)
         at = [
             cells_around_interval(edges, float(x[state]), float(x[state])) for state, edges in pairs

@@ -79,10 +79,10 @@ CPU_S = 5.0
 
 
 def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
-    """Measures and enters the cost of each advised change that proves every claim.
+    """Enters the cost of the advised changes, if these prove every claim.
 
-    For a proved module it enters the cost of smaller cells and fewer levels. `fresh` makes a new
-    copy of the flying system in which the module was proved.
+    For a module that is proved it enters the cost of smaller cells and fewer levels. `fresh` makes
+    the system in which it was proved, as it flies.
     """
     held = result.verdict in (PROVED, ASSUMED)
     if held and result.cells_why and result.problem.computed:
@@ -131,7 +131,7 @@ def _cost_of_remedy(
 
 
 def _plant_ranges(problem: Problem) -> object:
-    """The initial states, disturbances and errors; a system in which they change cannot be run."""
+    """The numbers of the plants that a run needs: no system with changed ones can be run."""
     return problem.initial, problem.disturbances, problem.errors
 
 
@@ -234,7 +234,7 @@ class Trials:
         self._until = time.process_time() + SHOWN_S + max(LEAST_S, OF_PROOF * cpu_s)
 
     def failing_claims(self, problem: Problem) -> tuple[str, ...] | None:
-        """The claims of a problem that are not proved, in order; None if it could not be verified.
+        """The claims of a problem that are not proved, in order; None if it was not verified.
 
         An AC that never has control counts as a failure of `ttf`.
         """
@@ -272,9 +272,9 @@ class Trials:
 
 
 def ordered_trials(changes: Iterable[Remedy]) -> list[tuple[Remedy, Problem]]:
-    """The trials of the changes, sorted by cost and cells; each large grid is first made coarse.
+    """The trials of some changes, by cost and cells: each on merged cells, then on its own.
 
-    Quick changes come before a grid with many cells uses up their time.
+    So a grid with many cells does not use up the time of quick changes.
     """
     trials = []
     for change in changes:
@@ -376,7 +376,7 @@ class _KeptChanges:
 
 
 def _helps_in_part(remedy: Remedy, now: Sequence[str], left: Sequence[str]) -> bool:
-    """Whether to keep a change after which claims still fail; of narrower worlds the narrowest."""
+    """Whether a change is kept though claims still fail; of narrower worlds only the narrowest."""
     return (remedy.cost != HALF or remedy.advice == CALMEST) and _fewer_claims_fail(now, left)
 
 
@@ -387,7 +387,7 @@ def _fewer_claims_fail(now: Sequence[str], left: Sequence[str]) -> bool:
 
 
 def remove_tried_advice(results: Sequence[ModuleResult], searches: Sequence[ProofSearch]) -> None:
-    """Removes advice that the searches tried in vain, such as smaller cells or another search."""
+    """Removes advice that searches have tried in vain: smaller cells, another search."""
     in_vain = {s.module: s.cells_in_vain for s in searches if not s.proved}
     for name, finding in ((r.name, f) for r in results for f in r.findings.values()):
         words = (REST, OTHERS_FOUND, *["smaller cells"] * in_vain.get(name, False))

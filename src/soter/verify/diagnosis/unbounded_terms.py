@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class _Ranges(RangeEvaluator):
-    """Evaluates ranges of terms, and takes [-1, 1] as the range of a sine or cosine."""
+    """Evaluates ranges; a sine or cosine, a polynomial in the prelude, has the range [-1, 1]."""
 
     EXPRESSIONS: ClassVar[dict[type, Any]] = {
         **RangeEvaluator.EXPRESSIONS,
@@ -34,7 +34,7 @@ class _Ranges(RangeEvaluator):
 
 
 def term_without_bound(problem: Problem) -> tuple[str, str] | None:
-    """The first unbounded term and its divisor or root argument, in words; None if none exists."""
+    """The term, and its divisor or the argument of its root, in words; None if none is found."""
     for c in (c for c in problem.system.components if c.plant is not None):
         try:
             if found := _unbounded_term_of_plant(problem, c):

@@ -71,7 +71,7 @@ def worst_vacuity(done: Sequence[Case]) -> Vacuity | None:
 
 
 def vacuity_of_nodes(problem: Problem, never: str) -> Vacuity | None:
-    """The vacuity of a proof by induction, or None; `never` is a field of `Induction`."""
+    """The vacuity of a proof by induction, or None; `never`: the field of `Induction`."""
     if nothing := _vacuous_safe(problem):
         return nothing
     if never == "fails":
@@ -94,7 +94,7 @@ def vacuity_of_rest(problem: Problem, at_the_start: str) -> Vacuity | None:
 
 
 def mention_vacuity_in_claim(result: ModuleResult) -> None:
-    """Adds to the text of a proved claim that its proof says nothing, if it is vacuous."""
+    """Changes the text of a claim that is proved, but about nothing, so that it says so."""
     vacuity, rows = result.vacuity, {"safe": "P2a", "ttf": "ttf", "safer": "safer"}
     if vacuity is None or vacuity.how_often != NEVER or vacuity.what not in rows:
         return
@@ -169,7 +169,7 @@ def _why_no_control(case: Case, predicate: str, *, empty: bool, of: str = "every
 
 
 def _rarity_text(predicate: str, share: float) -> str:
-    """The words for a small share; if it is 0 they do not say "never", as states are random."""
+    """The words for a small share; a share of 0 of the drawn states does not prove "never"."""
     much = f"{share:.2%}" if share > 0.0 else "none of the states drawn"
     verb = "keeps" if predicate == "ttf" else "gets"
     says = "`ttf` is false" if predicate == "ttf" else "`safer` holds"
@@ -191,9 +191,9 @@ def _never_lets_control(case: Case, predicate: str) -> bool:
 
 
 def _is_ttf_true_on_core(case: Case) -> bool:
-    """Whether `ttf` holds on all of K if its conditions on ages are evaluated, too.
+    """Whether all of `ttf`, with its parts about ages, which proofs leave out, holds on all of K.
 
-    The ages are those of a fresh read: from 0 to `max_age`, and to the largest age of the proof.
+    All ages of a fresh read are covered: up to `max_age`, and up to the proof's A.
     """
     problem, ttf = case.problem, case.problem.module.symbol.ttf
     if ttf is None or not any(isinstance(n, AgeRead) for n in nodes([ttf])):
@@ -278,7 +278,7 @@ class _StateDrawer:
 
 
 def _vacuity_without_return(done: Sequence[Case]) -> Vacuity | None:
-    """The vacuity of a module that starts with SC in control and need not return control to AC."""
+    """The vacuity that SC has control at the start, and no claim says that it ever gives it."""
     if not note_on_start(done) or not (clause := done[0].problem.module.symbol.stay_clause):
         return None
     why = f"at the start `safer` does not hold, and P2b is not asked: `{clause}`"
@@ -295,9 +295,9 @@ def _is_refused_at_start(case: Case) -> bool:
 
 
 def note_on_start(done: Sequence[Case]) -> str:
-    """A note that AC has no control at the start, because `safer` does not hold; "" if it may.
+    """A note that AC cannot have control at the start, as `safer` does not hold; "" if it may.
 
-    It is also "" if K is empty, or if a computed `safer` holds nowhere.
+    It is also "" without a K, or where a computed `safer` holds nowhere.
     """
     for case in done:
         empty = case.failures_of("P2a") or (case.problem.computed and case.failures_of("safer"))

@@ -117,7 +117,7 @@ def _longer_axes(found: NotProved) -> Iterator[Change]:
 
 
 def _longer_ends(found: NotProved, part: float) -> Ends:
-    """New axis ends by state, moved out by the share `part` at ends that lose K or a run."""
+    """New ends of axes, by state, further out by the share `part` where K is lost or a run left."""
     ends: Ends = {}
 
     def lengthen(state: int, edges: Sequence[float], side: int) -> None:
@@ -199,7 +199,7 @@ def _return_left_out(found: NotProved) -> Iterator[Change]:
 
 
 def why_no_rest(problem: Problem) -> str:
-    """The reason, in words, why tubes cannot prove this SC with any `rest`; "" if they may."""
+    """Why no proof by tubes can follow SC, whatever `rest` says, in words; "" if one can."""
     symbol = problem.module.symbol
     if problem.kind != "flow" or symbol.shield:
         return "it is of plants that flow, and of modules without `shield`"
@@ -235,7 +235,7 @@ def _nearer_start(found: NotProved) -> Iterator[Change]:
 
 
 def _nearest_starts(case: Case, grid: GridProof) -> Iterator[tuple[int, float]]:
-    """New starts, each as (state, value); they change as few states as possible, and little."""
+    """New starts of as few states as possible, and as near as possible, as (state, value)."""
     times, engine = case.problem.times, grid.engine
     in_time = engine.cells_safe_for(case.problem.whole_periods(times.start), grid.found.core > 0)
     cells = np.argwhere(in_time)
@@ -329,7 +329,7 @@ def problem_without_predicates(problem: Problem) -> Problem | None:
 
 
 def problem_with_younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
-    """The problem and texts with the least `max_age` of all read topics; None if none changes."""
+    """The problem with the least `max_age` of what SC and DM read, and the texts, or None."""
     texts, changed = [], []
     paths = (*problem.times.schedule.read_by_sc, *problem.times.schedule.read_by_dm)
     read = {p.topic for p in paths}
@@ -365,7 +365,7 @@ def problem_with_younger_sc_reads(problem: Problem) -> tuple[Problem, str] | Non
 
 
 def problem_with_open_axis(problem: Problem, state: int) -> Problem | None:
-    """The problem with one state's axis `open`; None if the problem's axes cannot be opened."""
+    """The problem with the axis of a state `open`; a trial shows whether something reads it."""
     if problem.computed or len(problem.groups) > 1 or problem.kind != "flow":
         return None
     group = problem.groups[0]
@@ -423,7 +423,7 @@ def problem_of_changed_module(system: System, changed: Module) -> Problem:
 
 
 def _extract_again(problem: Problem, system: System, module: Module) -> Problem | None:
-    """The problem of a changed module on the grids of `problem`; None if none can be extracted."""
+    """The problem of a changed module in its verification system, on the changed grids; or None."""
     whole = problem.view or problem.modes or problem.influences or problem.law
     if whole or problem.module.symbol.verify.abstracts:
         return None

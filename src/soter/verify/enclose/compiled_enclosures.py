@@ -174,7 +174,7 @@ class _UnitWriter:
             self._add_function(f"derivative_{k}", doc, PARAMETERS, enclosed.emitter, [rate])
 
     def _emit_constraint(self, safe: TypedExpr) -> None:
-        """Emits the predicate C and its conditions, first of `safe`, then of published values."""
+        """Emits the predicate C and its conditions: of `safe`, then of plants' published values."""
         parts = conjuncts(safe)
         self._emit_truth_function("constraint", lambda e: e.truth_of_constraint(safe))
         probe = self._new_function()
@@ -366,9 +366,9 @@ TRUE = 2
 
 
 def library_of(problem: Problem) -> tuple[ReachLibrary, tuple[str, ...]]:
-    """Compiles the enclosures of a problem; gives them and the prelude functions that they use.
+    """The compiled enclosures of a problem, and the prelude functions that they use.
 
-    Raises R007 if something cannot be enclosed or depends on a state without bounds.
+    `SoterError` R007 where something cannot be enclosed, or depends on a state without bounds.
     """
     parts = problem.system, problem.core, problem.module, problem.quantities
     try:
@@ -411,7 +411,7 @@ FORM = 4
 
 
 def affine_inputs(box: Floats, count: int) -> Floats:
-    """Affine forms (count, 4 + count) of the inputs in a box (n, 2); rows after row n are 0."""
+    """Forms (count, 4 + count) of the inputs in a box (n, 2), a symbol each; rows beyond are 0."""
     low, high = box[:, 0], box[:, 1]
     n, point, middle = len(box), low == high, low / 2 + high / 2
     radius = np.nextafter(np.maximum(high - middle, middle - low), np.inf)
@@ -439,18 +439,18 @@ class CompiledEnclosures:
         """The box of all inputs, each over its whole range."""
 
     def affine_results(self, name: str, forms: Floats, count: int) -> Floats | None:
-        """Affine forms of a function's results, (count, 4 + inputs); None if a fault is possible.
+        """Forms of the results, (count, 4 + inputs): low, high, centre, remainder, coefficients.
 
-        Each row has low, high, centre, remainder and coefficients, as the rows of `forms` do.
+        `forms`: the forms of the inputs, of the same shape. None: a step fault is possible.
         """
         self._in[:] = 0.0
         self._in[: len(forms)] = forms
         return None if self._fault_of_call(name) else np.array(self._out[:count])
 
     def truth(self, name: str, box: Floats) -> int:
-        """The truth of a predicate over a box (inputs, 2): bit 0 if it may be false, bit 1 if true.
+        """The truth of a predicate over a box (inputs, 2): bit 0: may be false, bit 1: may be true.
 
-        Both bits are set if a step fault is possible.
+        Both bits are set where a step fault is possible.
         """
         return 3 if self._fault_over_box(name, box) else int(self._out.view(np.uint8).flat[0])
 

@@ -78,7 +78,7 @@ def prelude_call_enclosure(
 
 
 def _enclosure_of_periodic_call(ops: EnclosureOperations, name: str, angle: Form) -> Item:
-    """The value of a periodic function at an angle that may be off by any number of full turns."""
+    """An enclosure of a function with the period of a turn, at an angle any turns away."""
     bound, near = BOUNDS[name], ops.angle_of_any_turn(angle)
     off = bound.absolute if name == "wrap_angle" else bound.ulps
     return Form(ops.emitter.emit("form", f"soter_n_{name}", near, float_literal(off)))

@@ -377,7 +377,7 @@ class EnclosureOperations:
         then: list[Step],
         otherwise: list[Step],
     ) -> Item:
-        """The value of a variable after a branch; it is `a` or `b` at the end of each block."""
+        """The value of a variable after a branch whose two blocks end with `a` and `b` in it."""
 
         def leaf(x: Item, y: Item) -> Item:
             kind = kind_of(x)

@@ -119,7 +119,7 @@ class EnclosedFunction:
         }
 
     def plants_with_steps(self) -> list[tuple[Component, core.PlantStep]]:
-        """The verification plants with their steps; raises `EnclosureError` if a step is extern."""
+        """The verification plants with their steps; raises `EnclosureError` where one is extern."""
         plants = [(self.system.components[i], p) for i, p in sorted(self.core.plants.items())]
         for component, step in plants:
             if step.extern:
@@ -180,7 +180,7 @@ class EnclosedFunction:
         ]
 
     def _value_behind_gate(self, body: EnclosureBody, number: int, output: core.Output) -> Item:
-        """The value of an output after the gate: the new value, or the old if none is published."""
+        """The value of an output behind the gate: the published value, or the one before it."""
         topic = self.system.topics[output.topic]
         held = self.inputs.topic_value(topic, {})
         has, value, _ = body.frame.outputs.get(number, (KnownTruth(False), held, topic.type))
@@ -199,7 +199,7 @@ class EnclosedFunction:
         return self.ops.selection(has, self.inputs.value_of_leaves(topic.type, checked), held)
 
     def _leaf_behind_gate(self, t: Type, v: Item, bound: Bound | None) -> Item:
-        """The value of a leaf after the gate; notes a fault if the leaf may be out of bounds."""
+        """A leaf behind the gate; notes a fault if the leaf may be outside its bounds."""
         if isinstance(t, FloatType):
             low, high = (bound.low, bound.high) if bound else (-float("inf"), float("inf"))
             ends = (float_literal(low), float_literal(high))

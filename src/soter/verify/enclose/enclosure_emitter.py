@@ -77,7 +77,7 @@ class MergeStore:
 
 @dataclass(eq=False)
 class EmittedBranch:
-    """A branch on a condition; both blocks run if the condition is undecided."""
+    """A branch on a condition; a block runs if its side may be taken, so both may run."""
 
     condition: c.CExpr
     merged: list[MergedVariable]
@@ -169,10 +169,10 @@ def names_in(e: object) -> Iterator[str]:
 
 
 def without_unread(block: list[Step], live: set[str], *, faults: bool = True) -> list[Step]:
-    """The block without the operations whose results no other operation reads.
+    """The block without the operations whose results nothing reads.
 
-    `live` has the variables read after the block; the function adds those that the block reads.
-    With `faults` all operations that may fault are kept.
+    `live`: the variables read after the block; the function adds those read in it. `faults`: keep
+    all operations that may fault.
     """
     steps: list[Step] = []
     for s in reversed(block):
@@ -256,9 +256,9 @@ def _declaration_of_merged(m: MergedVariable) -> list[c.CStmt]:
 def function_body(
     block: list[Step], reads: dict[int, c.Name], results: list[c.CStmt], *, faults: bool = True
 ) -> tuple[c.CStmt, ...]:
-    """The body of a C function that reads inputs, computes and writes the results.
+    """The body of a C function: it reads inputs, each with its symbol, and gives results.
 
-    Without `faults` it reports only the faults of operations on which the results depend.
+    Without `faults` it reports faults only of operations on which the results depend.
     """
     live = {n for s in results for n in names_in(s)}
     inner = c_statements_of(without_unread(block, live, faults=faults))

@@ -240,7 +240,7 @@ class GridProof:
         return int(np.count_nonzero(self.found.core))
 
     def restrict_core_to_way(self, case: Case) -> None:
-        """Replaces K by W; if Q is on smaller cells, by the cells of W that SC can keep."""
+        """Replaces K by W, or, if Q is on smaller cells, by what SC keeps of W's declared cells."""
         part = self.found
         assert part.home is not None
         assert part.rank is not None
@@ -260,7 +260,7 @@ class GridProof:
 
     @property
     def covers_scheme(self) -> bool:
-        """Whether the engine's model includes the steps of the simulator's integration scheme."""
+        """Whether the simulator's steps are solutions of the engine's model."""
         return self.engine.covers_scheme
 
     @property
@@ -306,7 +306,7 @@ class GridProof:
 
     @property
     def overlap_of_predicates(self) -> tuple[float, bool] | None:
-        """The share of K where AC may both get and keep control, and whether any cell allows it."""
+        """The share of K where AC gets and may keep control, and whether any cell is such a one."""
         part, edges = self.found, drawn_edges(self.found.group.axes)
         if part.lets_ac is None or part.gives_back is None:
             return None
@@ -385,9 +385,9 @@ def new_proof(case: Case, group: Group) -> GridProof:
 
 
 def factors_of_predicate(case: Case, predicate: str) -> list[CellsPart] | None:
-    """For each group the cells on which a predicate holds if other groups stay at one point.
+    """For each group the cells on which a predicate holds while other groups stay at one point.
 
-    None if a group has no such cell. A later check shows the predicate on the sets' product.
+    None where a group has no such cell. A later check shows that the set is their product.
     """
     engines = [p.engine for p in case.proofs]
     if len(engines) == 1:

@@ -145,7 +145,7 @@ def find_levels(case: Case, proof: object, engine: GridGroup, part: GroupSets) -
 
 
 def _cells_in_set_along_axes(cells: Bools, axes: tuple[int, ...]) -> Bools:
-    """The cells that stay in the set wherever they are moved along these axes."""
+    """The cells that are in the set at every place along these axes."""
     if not axes:
         return cells
     every: Bools = np.asarray(cells.all(axis=axes, keepdims=True), dtype=np.bool_)

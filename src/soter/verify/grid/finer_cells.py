@@ -32,7 +32,7 @@ SIZES = (("half", 80_000), ("a quarter of", 20_000))
 
 @dataclass(frozen=True, eq=False)
 class FinerQ:
-    """The set Q on smaller cells than declared; `home` has the witnesses of these cells."""
+    """The set Q on the cells of `engine`, smaller than the declared ones; `home`: its witnesses."""
 
     engine: GridGroup
     group: Group

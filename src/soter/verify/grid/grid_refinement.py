@@ -112,9 +112,9 @@ def cells_around_interval(edges: NDArray[np.float64], low: float, high: float) -
 def cells_around_box(
     spans: Sequence[NDArray[np.float64]], turns: Sequence[bool], box: Sequence[Interval]
 ) -> list[list[int] | None]:
-    """For each axis the cells that cover this side of `box`; None if the side leaves the grid.
+    """The cells of each axis that hold its interval of `box`; None where it leaves the grid.
 
-    `spans` has the edges (cells + 1,) of each axis; `turns` says whether an axis wraps around.
+    `spans`: edges of each axis, (cells + 1,); `turns`: whether an axis wraps around.
     """
     cells: list[list[int] | None] = []
     for edges, wraps, i in zip(spans, turns, box, strict=True):
@@ -125,7 +125,7 @@ def cells_around_box(
 
 
 def _cells_around_wrapping(edges: NDArray[np.float64], low: float, high: float) -> list[int] | None:
-    """The cells that cover [low, high] on an axis whose ends meet; None if it is a turn outside."""
+    """The cells that hold [low, high] on an axis whose ends meet; None: it is too far out."""
     if not edges[0] - TURN < low <= high < edges[-1] + TURN:
         return None
     turned = [(low, high)]
@@ -314,7 +314,7 @@ TO_S = 10
 
 
 def announce_work(problem: Problem, settle: Settle) -> None:
-    """Shows the estimated time of a problem's proof; `settle` computes the sets of one case."""
+    """Shows an estimate of the time for a problem's sets; `settle` computes those of one case."""
     if cell_count(problem) >= FROM_CELLS:
         with passing_phase(f"{problem.name}: how long it will take"):
             announce(lambda: _estimate_in_words(problem, _estimated_seconds(problem, settle)))

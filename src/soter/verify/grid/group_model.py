@@ -71,7 +71,7 @@ class UnboundedError(Exception):
 
 
 def _search_starts(edges: Floats) -> Ints:
-    """For many equal parts of an axis, the cell at which the search for a point begins."""
+    """For each of many equal parts of an axis a cell near it, from which a search starts."""
     n = len(edges) - 1
     width = np.diff(edges)
     even = bool(np.allclose(width, width[0], rtol=1e-6))
@@ -108,12 +108,12 @@ class GridModel:
     ) -> None:
         """Describes the group with these `axes`, one to four pairs (index of the state, edges).
 
-        `linear` says whether one linear model encloses a flow over the whole domain; None tests
-        that its remainders are below a thousandth of its rates. Three arguments name states of
-        flows: of `open_ends`, no run is assumed to pass the last breakpoint; `unbounded` have no
-        outer end, and no rate, law or other group reads them; the axis of `wraps` is a full turn,
-        and everything reads the state modulo a turn. Raises `UnboundedError` if the dynamics have
-        no finite enclosure.
+        `linear`: whether one linear model encloses a flow over the whole domain; None: if it is
+        linear but for remainders below a thousandth of its rates. States of flows by their axis:
+        `open_ends`, no run is assumed to pass the last breakpoint; `unbounded`, the outer cells
+        have no outer end, and no rate, law or other group reads the state; `wraps`, the axis is a
+        full turn, and everything reads the state modulo a turn. `UnboundedError` where the dynamics
+        have no finite enclosure over the domain.
         """
         self.library, self.inputs, self.threads = library, inputs, threads
         self.open_ends, self.unbounded = frozenset(open_ends), frozenset(unbounded)
@@ -284,8 +284,8 @@ class GridModel:
     def _narrow_law(self) -> None:
         """Lets the engine compute only one output of SC if no other control moves the group.
 
-        The engine then sees no fault elsewhere in SC, so the method first checks that all of SC is
-        free of faults over the whole domain.
+        The engine then does not see a fault elsewhere in SC, so all of SC must be free of faults
+        over the whole domain, in which all states lie that SC reads.
         """
         g = self.c
         if g.commands != 1 or g.controls == 1 or g.law == self.library.ffi.NULL:
@@ -306,7 +306,7 @@ class GridModel:
         return forms, np.zeros((results, FORM + count))
 
     def rates_within(self, low: Floats, high: Floats) -> Floats | None:
-        """Bounds (states, 2) of all rates over ranges of all inputs; None if a rate has none."""
+        """Bounds (states, 2) of all rates over ranges of all inputs; None: no bound, or a fault."""
         found = self._rate_forms(low, high)
         if found is None or not np.isfinite(found[0][:, :2]).all():
             return None
@@ -318,7 +318,7 @@ class GridModel:
         return found is None or bool(found[0][state, FORM : FORM + len(self.inputs.states)].any())
 
     def _growth_of_remainder(self) -> float:
-        """How much w grows from a small box to the domain, relative to the rates."""
+        """The growth of the remainder w from a small box to the domain, relative to the rates."""
         g, lib, n = self.c, self.library.lib, len(self.inputs.states)
         model_over_domain, moving = self.linear_model(), np.zeros(len(self.low), dtype=bool)
         moving[list(self.axes)] = True
@@ -340,7 +340,7 @@ class GridModel:
         return float(np.max(np.where(rates > 0, grown / np.where(rates > 0, rates, 1), 0)))
 
     def _scheme_solution(self) -> SchemeSolution:
-        """The error to add to the model until it includes the simulator's steps, if it is known."""
+        """Whether the simulator's steps solve the model, and what must be added to it for that."""
         x = self.inputs
         if x.kind != "flow" or not self.is_linear or not x.steps:
             return SchemeSolution()
@@ -349,7 +349,7 @@ class GridModel:
         return scheme_solution(stepped, self.low, self.high, self.axes)
 
     def _rate_forms(self, low: Floats, high: Floats) -> tuple[Floats, Floats] | None:
-        """Forms (states, 4 + inputs) of the rates, and each input's radius; None after a fault."""
+        """Forms of all rates, (states, 4 + inputs), and the radius of each input; None: a fault."""
         ffi, n = self.library.ffi, len(self.inputs.states)
         forms, out = self._forms_of_inputs(low, high)
         radius = forms[range(len(low)), range(FORM, FORM + len(low))]
@@ -435,11 +435,11 @@ class KeptEnds:
 
 
 def kept_ends_of(model: GridModel) -> KeptEnds | None:
-    """The axis ends that no run passes, with the domain; None if a rate has no bounds.
+    """The ends of the axes that no run passes; None where a rate has no bounds.
 
-    The simulator's scheme must keep an end, too, because the scheme of a linear flow is part of the
-    proof. A rate that depends on no state is the same in all stages of a step; the scheme then
-    moves as the rate says, rounding included.
+    The simulator's scheme must keep the end, too, as the scheme of a linear flow is part of the
+    proof. A rate that depends on no state is the same in all stages of a step, so the scheme moves
+    as the rate says, rounding included.
     """
     g = model.c
     domain_rates = model.rates_within(model.low, model.high)

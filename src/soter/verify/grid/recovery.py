@@ -60,7 +60,7 @@ WAY_MAX = 80_000
 
 @dataclass(frozen=True)
 class RecoveryRanks:
-    """The way from each cell of W to Q: `rank` (0 outside W), `holds` (N of a chain), `time_ns`."""
+    """W by cell: `rank` (0: not in W, 1: in Q), `holds` (N of a chain), `time_ns` to Q at most."""
 
     rank: npt.NDArray[np.uint16]
     holds: Bytes
@@ -231,7 +231,7 @@ def _enter_ranks(part: GroupSets, return_way: RecoveryRanks) -> None:
 
 
 def _enter_failure_of_stuck_cells(case: Case, proof: object, stuck: Bools) -> None:
-    """Enters a failure of P2b if `stuck` has cells, those without a way back."""
+    """Enters a failure of P2b if there are `stuck` cells, from which no way back was found."""
     if stuck.any():
         text = f"from {int(stuck.sum()):,} cells of K no way back to `safer` was found"
         hint = "an SC that returns to where `safer` holds"

@@ -60,9 +60,9 @@ class _Potential:
 
 
 def cells_at_rest(case: Case, engine: GridGroup, allowed: Bools) -> Bools:
-    """The cells of `allowed`, in the grid's shape, where potentials show that SC stays in C.
+    """The cells of `allowed`, in the grid's shape, from which potentials show that SC stays in C.
 
-    They count only for a module that may stay under SC, because SC may never leave them.
+    They count only for a module that may stay under SC: SC may never lead back from them.
     """
     assert case.problem.stays
     none = np.zeros(engine.shape, dtype=np.bool_)
@@ -298,7 +298,7 @@ def _cells_up_to_zero(edges: NDArray[np.float64], k: int | None) -> tuple[int, i
 def _cells_fine_all_around(
     fine: Bools, axis: int, edges: NDArray[np.float64], far: Sequence[float], beyond: Sequence[bool]
 ) -> Bools:
-    """The cells whose neighbours within distance `far` along an axis all lie in `fine`."""
+    """The cells of `fine` for which all cells within distance `far` along an axis are in `fine`."""
     low = edges[:-1] if not far[0] else np.nextafter(edges[:-1] - far[0], -inf)
     high = edges[1:] if not far[1] else np.nextafter(edges[1:] + far[1], inf)
     first = np.searchsorted(edges, low, side="right") - 1

@@ -110,10 +110,10 @@ def scheme_error(
 
 @dataclass(frozen=True)
 class SchemeSolution:
-    """The result of testing whether the simulator's steps are solutions of a group's model.
+    """Whether the steps of the simulator are solutions of a group's model.
 
-    They are if `error` (n,) is added to the rates of its states; None means that nothing is shown.
-    `stiff` says in words why not, if the flow is linear and only the step is too long.
+    `error`: they are if this much (n,) is added to the rates of its states; None: that is not
+    shown. `stiff`: why not, in words, where the flow is linear and only the step is too long.
     """
 
     error: Floats | None = None
@@ -188,7 +188,7 @@ def _too_fast_in_words(names: Sequence[str], z: Floats, step: float) -> str:
 
 
 def _stage_distance(z: Floats, first: Floats) -> Floats:
-    """A bound on how far a step's stages are from its start: the sum of all z^k `first`."""
+    """The largest distance of the stages of a step from its start: the sum of all z^k `first`."""
     total, term = first.copy(), first.copy()
     for _ in range(TERMS * 20):
         term = z @ term

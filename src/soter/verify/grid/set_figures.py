@@ -84,7 +84,7 @@ def region_of_each_cell(sets: GroupSets) -> NDArray[np.uint8]:
 
 
 def figure_of_regions(sets: GroupSets, note: str) -> RegionFigure:
-    """Draws the first two axes, at the indices of the other axes that show most cells for AC.
+    """A figure of the first two axes, at that place on further axes where most cells may be AC's.
 
     A third axis has up to `SLICES_MAX` slices.
     """
@@ -136,11 +136,11 @@ def figure_of_regions(sets: GroupSets, note: str) -> RegionFigure:
 
 
 def place_that_shows_most(cells: NDArray[np.uint8]) -> tuple[int, ...]:
-    """The indices, from the third axis on, for which most cells of the first two may be AC's.
+    """The indices, from the third axis on, at which most cells of the first two may be AC's.
 
-    Indices where AC gets control back come first, so that every region with cells is drawn. Among
-    equals most cells in K count, then most cells in C, then the distance from the middle. `cells`
-    has the regions, in the grid's shape.
+    Places where AC gets control back come first, so that no region that has cells is left out.
+    Among equals the place with most cells in K counts, then in C, then the one nearest the middle.
+    `cells`: the regions, in the grid's shape.
     """
     if cells.ndim < 3:
         return ()

@@ -55,10 +55,10 @@ WORTH_A_STEP = 0.02
 
 @dataclass(frozen=True)
 class Core:
-    """The set K; `witness` has for each cell the length N of the chain, or 0 outside K.
+    """K: `witness` has for each cell the length N of its chain in periods of SC; 0: not in K.
 
-    N counts periods of SC. `rounds` and `steps` measure the work; `vain` counts the cells followed
-    to the end without a way into K; `spent` says that a limit was reached and K given up.
+    `rounds`, `steps`: the work done. `vain`: cells that were followed to the end and never came
+    back to K. `spent`: K was given up because a limit of the work was reached.
     """
 
     witness: Bytes
@@ -166,17 +166,17 @@ class GridGroup(GridModel):
         members: Bools | None = None,
         holds: int = 0,
     ) -> Core:
-        """Computes K, the cells from which the law stays in `allowed` and comes back to K.
+        """The set K: cells from which the law stays in `allowed` and comes back to K.
 
         It is the greatest fixpoint of {c in `allowed`: for some N <= `longest` the tube over [0, N
         delta + j] lies in `allowed` and the image over [N delta - j, N delta + j] in K}. A chain is
-        given up when its images were more than a cell away from K `patience` times in a row, which
-        can only make K smaller. The result does not depend on threads. All sets have the grid's
-        shape. Pass at most one of two sets: `resting` has cells of `allowed` that are in K in any
-        case, with `RESTS` for N; `members` has the cells that K may have. K is given up, and empty,
-        when a limit is passed: `vain` is the share of `allowed` that may be followed in vain;
-        `holds` is the mean number of periods of SC computed for a cell (`HOLDS_LEAST` in all are
-        free). 0 is no limit.
+        given up when its images have been more than a cell away from K `patience` times in a row: a
+        smaller K at worst. The result does not depend on threads. All sets have the grid's shape.
+        At most one of these two is passed: `resting`, cells of `allowed` that are in K in any case,
+        with `RESTS` for N; `members`, the cells that K may have. K is given up, and empty, when a
+        limit is passed: `vain`, the share of `allowed` that may be followed in vain; `holds`, how
+        many periods of SC may be computed for a cell of `allowed` on average (`HOLDS_LEAST` in all
+        are free). 0: no limit.
         """
         assert resting is None or members is None
         members = allowed if members is None else members & allowed
@@ -199,11 +199,11 @@ class GridGroup(GridModel):
 
     @property
     def never_leaves_grid(self) -> bool:
-        """Whether the flow at both ends of the grid keeps every run inside, with any commands.
+        """Whether no run leaves the grid, whatever the commands, by the flow at its two ends.
 
         It looks at one axis of a linear flow that no command moves: x' <= 0 wherever x is at the
-        upper end and x' >= 0 at the lower end, for all values of the rest. Solutions of a scalar
-        equation keep their order, so no solution passes an end.
+        upper end and x' >= 0 at the lower one, for everything else in its range. The solutions of a
+        scalar equation keep their order, so none passes an end.
         """
         if len(self.axes) != 1 or not self.is_linear or self.c.commands:
             return False

@@ -37,7 +37,7 @@ Path = tuple[int, ...]
 
 @dataclass(frozen=True)
 class JumpingTopic:
-    """A topic and the node that publishes it; `why` says why jumps are not excluded, or ""."""
+    """A topic, the node that publishes it, and `why` nothing is shown of it ("" if it is shown)."""
 
     topic: typed.TopicSymbol
     node: str
@@ -47,7 +47,7 @@ class JumpingTopic:
 def jumping_topics(
     flat: System, module: Module, link: typed.AbstractionLink
 ) -> Iterator[JumpingTopic]:
-    """The topics that a view's map reads, with the proof of each; none without `enters`."""
+    """The topics that the map of a view reads, each with what is shown; none without `enters`."""
     enters = None if module.whole is None else module.whole.verify.enters
     if enters is None:
         return
@@ -93,7 +93,7 @@ def _why_locals_matter(flat: System, module: Module) -> str:
 
 
 def _driven_topics(flat: System, module: Module, link: typed.AbstractionLink) -> list[int]:
-    """The topics that a view's plant drives and the module's DM or SC reads."""
+    """The topics that the plant of a view drives and the module reads."""
     scopes = (module.scope.topics, flat.components[module.sc].scope.topics)
     indices = [next((s[t] for s in scopes if t in s), -1) for t, _ in link.plant.drives]
     return [i for i in indices if i >= 0]
@@ -161,7 +161,7 @@ class StepReads:
 
 @dataclass
 class StepTransition:
-    """The result of one step: locals, published topics, faults, and whether `enters` then holds."""
+    """The result of one step: its locals, (whether published, value) of topics, `enters` then."""
 
     locals: dict[str, Term]
     published: dict[int, tuple[Term, Term]]

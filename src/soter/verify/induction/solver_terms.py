@@ -277,7 +277,7 @@ class SolverTerms:
         return self.z3.Function("length", self.sort, self.z3.IntSort())(term)
 
     def _publishable_predicate(self, t: Type, bounds: Bounds) -> Term:
-        """The uninterpreted predicate that tells whether a value lies within these bounds."""
+        """The uninterpreted predicate that a value of a type may be published in these bounds."""
         key = (t, tuple(None if b is None else (b.low, b.high) for b in bounds))
         if key not in self._inside:
             name = f"may be published {structure_text(t)} {key[1]}"
@@ -365,7 +365,7 @@ class SolverTerms:
         return term
 
     def is_opaque(self, term: Term) -> bool:
-        """Whether a term depends on an uninterpreted function; named constants count as known."""
+        """Whether a term depends on an uninterpreted function; named terms are not looked into."""
         if is_known(term):
             return False
         known = self._opaque.get(term.get_id())

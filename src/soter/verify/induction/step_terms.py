@@ -386,10 +386,10 @@ class StepEffect:
 
 @dataclass(frozen=True)
 class JudgedInstant:
-    """An instant in [earliest, latest] ns at which claims are judged if `counts` holds.
+    """The instant `at`, in [earliest, latest] in ns, at which claims are judged if `counts` holds.
 
-    `at` is its time. `holds` has the conditions that no step faulted, that `safe` holds, and each
-    lemma. `later` is the condition that `safe` holds until the next effect, while ages grow.
+    `holds`: the conditions that no step faulted, that `safe` holds, and that each lemma does.
+    `later`: the condition that `safe` holds until the next effect, while ages grow.
     """
 
     counts: Term
@@ -427,7 +427,7 @@ class Order(Protocol):
 
 
 class ClusterView:
-    """The view of a reader at a point of a cluster, with the effects of the reader's `step`."""
+    """The view of a reader at a point of a cluster; the reader sees its own `step`, if any."""
 
     def __init__(
         self,

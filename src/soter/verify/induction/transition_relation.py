@@ -345,7 +345,7 @@ class Cluster:
             self.locals[key] = terms.named_value(value, copy.type, copy.name)
 
     def _latch_after_fault(self, component: Component, effect: StepEffect) -> Term:
-        """Latches a node that faults; gives the condition that the node's step is not latched."""
+        """Latches a node that faults; gives the condition that its step runs to the end."""
         terms = self.terms
         bad = terms.any_of(self.latched[component.index], effect.fault, effect.doubt)
         self.latched[component.index] = bad = terms.new_constant_for(bad, "latched")

@@ -62,7 +62,7 @@ def covered_inputs(
 def certificate_entry(
     result: InductionResult, system: str, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    """The module's entry in the manifest of a certificate, for which no files are needed."""
+    """The module's entry in the manifest of a certificate; it adds no files."""
     del stem, files
     problem, induction = result.problem, result.induction
     claims = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
@@ -296,7 +296,7 @@ def _enter_refuting_run(
 
 
 def _finding_on_dm(result: ModuleResult) -> Finding:
-    """The finding whether the DM's generated C decides as declared, on all inputs tried."""
+    """The finding that the generated C of the DM decides as declared, on the inputs tried."""
     from soter.verify.deploy.dm_check import check_module  # noqa: PLC0415 - compiles the DM
 
     began = time.perf_counter()

@@ -171,7 +171,7 @@ def _bound_assumptions(place: VerificationSystem, inputs: Inputs) -> Iterator[As
 
 
 def _error_assumptions(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
-    """The assumptions about measurement errors, and about leaves that are read without error."""
+    """The assumptions about errors of estimates, and about the leaves that are exact."""
     for e, r in zip(inputs.errors, inputs.error_ranges, strict=True):
         text = in_words("error", f"{e.name} within {r.high:g}{_unit_text(e)}")
         yield Assumption(f"error {e.name} {r.high:g}", text)

@@ -67,7 +67,7 @@ class Axes:
         diagnostics: Diagnostics,
         readers: Mapping[str, str] | None = None,
     ) -> None:
-        """Takes the inputs; `readers` has by each unbounded state a function that reads it."""
+        """Takes the inputs; `readers`: a function that reads each unbounded state, by its name."""
         self.readers = readers or {}
         self.place = place
         self.inputs = inputs

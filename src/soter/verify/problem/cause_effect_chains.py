@@ -54,7 +54,7 @@ def always_publishes(statements: Sequence[typed.TypedStmt], topic: typed.TopicSy
 
 
 def require_publishes_in_every_step(node: Component, index: int) -> None:
-    """Raises `UnfollowedError` if a step of the node may not publish the topic of this index."""
+    """Raises `UnfollowedError` if some step of the node can leave out the topic of that index."""
     assert node.node is not None
     if node.node.extern:
         return  # an assumption names what an extern does
@@ -144,7 +144,7 @@ def _check_passes_on(place: VerificationSystem, node: Component, after: Componen
 
 
 def _takes_over_at_once(place: VerificationSystem, node: Component) -> bool:
-    """Whether a node with sensors passes on each command of SC in the same instant."""
+    """Whether a node with sensors takes over each command in the instant of SC, behind SC."""
     assert node.node is not None
     always = all(always_publishes(node.node.step, t) for t in node.node.publishes)
     return always and has_outputs_in_proof_state(place, node) and _steps_with_sc(place, node)
@@ -158,7 +158,7 @@ def has_outputs_in_proof_state(place: VerificationSystem, node: Component) -> bo
 
 
 def _steps_with_sc(place: VerificationSystem, node: Component) -> bool:
-    """Whether a node runs in the thread whenever SC runs, and has no declared times."""
+    """Whether a node is in the thread, is released whenever SC is, and has no declared times."""
     if node.extern and not node.inline:
         return False
     sc = place.sc
@@ -216,7 +216,7 @@ class CauseEffectChain:
 
 @dataclass(eq=False)
 class CauseEffectChains:
-    """All paths of data that determine the times of one module."""
+    """All paths of data on which the times of one module depend."""
 
     by_dm: list[CauseEffectChain] = field(default_factory=list)
     by_sc: list[CauseEffectChain] = field(default_factory=list)
@@ -231,7 +231,7 @@ class CauseEffectChains:
 
     @property
     def behind(self) -> list[Component]:
-        """The nodes between SC and the plants whose waits count, each once."""
+        """The nodes behind SC whose wait counts, each once."""
         return list(dict.fromkeys(n for w in self.ways for n in w.counted))
 
     @property

@@ -86,7 +86,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
 
 
 def _why_law_uncovered(problem: Problem) -> str:
-    """The reason why no claim covers this problem's fail-safe law; "" if a claim may.
+    """Why nothing is claimed of this problem's fail-safe law; "" where a claim may be made.
 
     Other modules of the same trusted part keep nothing once that part has stopped. For a map it is
     not settled whether a command that ends at an instant moves the plant once more.
@@ -172,7 +172,7 @@ def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Pr
 
 
 def _is_level_count_to_choose(module: Module) -> bool:
-    """Whether the number of levels is still to be chosen; a view has no levels, so it is not."""
+    """Whether the number of levels is still to be chosen; a view has none, as AC has no control."""
     symbol = module.symbol
     computed = symbol.ttf is None and symbol.rest is None
     return computed and symbol.verify.levels is None and not module.view
@@ -216,7 +216,7 @@ def _problem_assumptions(
 
 
 def _forced_assumptions(flat: System, module: Module) -> list[Assumption]:
-    """The assumption that the DM switches, if the module is forced and does not switch."""
+    """The assumption that the DM of a forced module switches, which it does not."""
     if module.forced is None:
         return []
     who = module.forced.upper()
@@ -268,7 +268,7 @@ def _check_shield(
 
 
 def _may_delay_command(at: VerificationSystem, ways: Sequence[DownstreamPath]) -> bool:
-    """Whether a node on a path to a plant may pass on commands late, or change them by memory."""
+    """Whether a node on the way may pass on a command too late, or changes it by a memory."""
     late = any(w.inner and w.inner[0] not in w.in_step for w in ways)
     on_the_way = [n for w in ways for n in w.in_step]
     keeping = [n for n in on_the_way if n.node is not None and n.node.locals]
@@ -277,7 +277,7 @@ def _may_delay_command(at: VerificationSystem, ways: Sequence[DownstreamPath]) -
 
 
 def _ac_runs_between_steps(at: VerificationSystem) -> bool:
-    """Whether AC may publish between two steps of a plant that moves in steps."""
+    """Whether AC publishes between the steps of a plant that moves in steps."""
     ac, step = at.system.components[at.module.ac], at.plants[0].period_ns
     return ac.period_ns % step != 0 or ac.phase_ns % step != 0
 

@@ -42,9 +42,9 @@ MOVING = "derivative"
 def states_to_leave_out(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, boundless: Collection[int]
 ) -> tuple[frozenset[int], dict[str, str]]:
-    """The unbounded states that can be left out, and for each other by name who reads it.
+    """The states of `boundless` that can be left out; for each other one, by name, who reads it.
 
-    A state that is left out needs a solution for the whole run; its rate may therefore grow no
+    A state that is left out needs a solution that lasts as long as a run, so its rate may grow no
     faster than the states that are left out (Gronwall).
     """
     try:

@@ -66,7 +66,7 @@ def check_one_instant(
 def _may_show_several_instants(
     place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int
 ) -> bool:
-    """Whether the numbers read by the DM may show several instants that no stamp tells apart."""
+    """Whether the numbers that the DM reads may show several instants, which no stamp reveals."""
     topics = dict.fromkeys(w.topic for w in ways)
     numbers = sum(len(list(leaves(topic.type))) for topic in topics)
     by_nodes = dropout if any(w.nodes for w in ways) else 0
@@ -158,7 +158,7 @@ def _refuse_several_instants(
 def _require_equal_periods(
     place: VerificationSystem, who: str, topics: Sequence[int], diagnostics: Diagnostics
 ) -> None:
-    """Reports R016 if SC or DM reads topics of plants with different periods or phases."""
+    """Reports R016 where plants with different periods or phases publish parts of one read."""
     first, *others = topics or (None,)
     for index in others:
         assert first is not None

@@ -127,27 +127,27 @@ class Times:
 
     @property
     def response_dm(self) -> int:
-        """R_dm, the longest time from the DM's start to its verdict."""
+        """R_dm: the DM's response time, from its start."""
         return self.schedule.dm.response
 
     @property
     def response_sc(self) -> int:
-        """R_sc, the longest time from SC's start to its publication."""
+        """R_sc: SC's response time, from its start."""
         return self.schedule.sc.response
 
     @property
     def acts(self) -> int:
-        """L, the longest time from an output to its effect, without nodes in between."""
+        """L: the longest time from an output to its effect, nodes behind the module not counted."""
         return max(o.most for o in self.schedule.outputs)
 
     @property
     def acts_least(self) -> int:
-        """L_min, the shortest time from an output to its effect, without nodes in between."""
+        """L_min: the shortest time from an output to its effect; nodes behind it not counted."""
         return min(o.least for o in self.schedule.outputs)
 
     @property
     def replaced_window(self) -> int:
-        """W, the longest time for which a command still acts after it was replaced; for shields."""
+        """W, of a shield: a command that was replaced longer ago than this no longer acts."""
         return self.schedule.replaced_window
 
     @property
@@ -167,12 +167,12 @@ class Times:
 
     @property
     def horizon_ns(self) -> int:
-        """H, the time to look ahead, either as declared or the least one."""
+        """H, the look-ahead: the declared one, else the least one."""
         return self.h_star if self.horizon is None else self.horizon
 
     @property
     def delay_sc(self) -> int:
-        """d, the greatest age of the state behind a command when the command begins to act."""
+        """d: the greatest age of the state that a command answers when it begins to act."""
         return self.schedule.delay
 
     @property
@@ -192,7 +192,7 @@ class Times:
 
     @property
     def start(self) -> int:
-        """h_0, the time by which SC's first command acts that was computed from no default."""
+        """h_0: the time by which a first command of SC acts that answers a state, not a default."""
         return self.schedule.start
 
 
@@ -372,7 +372,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Assumption:
-    """One assumption of a proof; `key` is the same in every proof with this assumption."""
+    """One assumption: `text`, and a `key` that is the same in every proof with this assumption."""
 
     key: str
     text: str
@@ -389,7 +389,7 @@ FRESH = Assumption("fresh", in_words("fresh"))
 
 
 def latch_assumptions(module: ModuleSymbol) -> list[Assumption]:
-    """The assumptions on the operator's acknowledgements, if the DM waits for them."""
+    """The assumptions that the operator acknowledges, if the DM waits for that to give control."""
     return [
         Assumption(f"acknowledged {topic.name}", in_words("acknowledged", topic.name))
         for topic in module.acknowledgements
@@ -434,7 +434,7 @@ class ScopeGuarantee:
 
 @dataclass(frozen=True)
 class VerificationScope:
-    """The scope of a report: `also` lists further modules covered, `rest` all that is uncovered."""
+    """The scope of a report. `also`: further modules with the same problem; `rest`: uncovered."""
 
     also: tuple[str, ...] = ()
     rest: tuple[str, ...] = ()

@@ -132,7 +132,7 @@ def _latest_release(timing: Timing, c: Component) -> int:
 
 
 def _lateness_without_waiting(step: ScheduledStep, dm: Component, ready: int) -> int:
-    """The lateness of SC in ns in a step that does not wait for the DM; 0 if the step waits."""
+    """The lateness of SC in ns in a step that does not wait for the DM's verdict, else 0."""
     due = step.release - (step.release - dm.phase_ns) % dm.period_ns
     waits = due >= dm.phase_ns and step.start <= due + ready
     return 0 if waits else step.start - step.release

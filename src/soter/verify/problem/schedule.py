@@ -80,7 +80,7 @@ class SensorPath:
 
     @property
     def published_age(self) -> int:
-        """P, the greatest age of the state at the last node's start; 0 without nodes.
+        """P: the greatest age of the published state, from the last node's start; 0 without nodes.
 
         The stamp shows how long a sensor that is read directly was silent. It does not show the
         silence of a sensor behind a node.
@@ -104,7 +104,7 @@ class SensorPath:
 
     @cached_property
     def available_from(self) -> int:
-        """F, the time in ns after which the topic shows a state and not its default.
+        """F: the time in ns from which on the topic shows a state and not its default.
 
         A node that is released before F may still read the default; from F on no node does.
         """
@@ -175,7 +175,7 @@ class ActuationPath:
         return delay + within + self.most
 
     def time_from_output(self, late: int) -> int:
-        """The longest time from an instant to the effect of a publication up to `late` after it."""
+        """The longest time to the effect of a publication that comes `late` after some instant."""
         waits = sum(n.period + n.latest for n in self.nodes)
         return late + waits + self.most
 
@@ -256,19 +256,19 @@ class Schedule:
 
     @cached_property
     def shortest_to_sc(self) -> int:
-        """r, the shortest time from a release of the DM to the next release of SC."""
+        """r: the shortest time from a release of the DM to a release of SC at or after it."""
         return (self.sc.phase - self.dm.phase) % gcd(self.dm.period, self.sc.period)
 
     @cached_property
     def longest_to_sc(self) -> int:
-        """G, the longest time from a release of the DM to the next release of SC."""
+        """G: the longest time from a release of the DM to the next release of SC at or after it."""
         return self.sc.period - gcd(self.dm.period, self.sc.period) + self.shortest_to_sc
 
     @cached_property
     def latest_start_of_sc(self) -> int:
-        """The longest time from SC's release to its start, as SC is late or waits for the DM.
+        """The longest time from SC's release to its start: SC is late, or waits for the DM.
 
-        The DM's verdict is in force J_dm + R_dm after a release that is at least r before SC's.
+        The DM's verdict is there J_dm + R_dm after a release that is at least r before SC's.
         """
         return max(self.sc.late, self.dm.latest - self.shortest_to_sc)
 
@@ -291,12 +291,12 @@ class Schedule:
 
     @cached_property
     def h_star(self) -> int:
-        """H*, the longest time from the state of the last "AC" verdict to SC's first effect.
+        """H*: the longest time from the state of the last "AC" verdict to SC's first effect.
 
         The last "AC" verdict is of release t_0, on a state of t_0 - A or later. The next verdict is
         not "AC", and it is in force by t_1 + J_dm + R_dm, where t_1 = t_0 + Delta. SC's first
-        release from t_1 on is at t_1 + o, o <= G. SC starts by o + J_sc, or when the verdict is in
-        force. R_sc later it has published; a publication before the verdict is dropped.
+        release from t_1 on is at t_1 + o, o <= G. SC starts by o + J_sc, or when the verdict is
+        there. R_sc later it has published; a publication before the verdict is dropped.
         """
         ready = self.longest_to_sc + self.sc.late + self.sc.response
         waited = self.dm.latest + self.sc.response
@@ -352,7 +352,7 @@ class Schedule:
 
     @cached_property
     def start(self) -> int:
-        """h_0, the time by which SC's first command acts that was computed from no default.
+        """h_0: the time by which a first command of SC acts for which SC read states, no defaults.
 
         It is the output of SC's first release at which all topics show a state. SC then starts J_sc
         late, or when the last DM that was released by then has given its verdict.

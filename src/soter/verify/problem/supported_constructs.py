@@ -43,7 +43,7 @@ def topics_of_maps(system: System, module: Module) -> dict[typed.TopicSymbol, in
 
 
 def topics_of_proved_maps(place: VerificationSystem) -> dict[typed.TopicSymbol, int]:
-    """The map topics of a verification system that no plant of the flying system drives."""
+    """The maps of a verification system, without topics of plants that only fly."""
     flying = _driven_topics(place.flat)
     found = topics_of_maps(place.system, place.module)
     return {t: index for t, index in found.items() if place.flying_index(t) not in flying}

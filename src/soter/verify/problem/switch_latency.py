@@ -163,9 +163,9 @@ def _why_not_proved(times: Times, refusals: tuple[Diagnostic, ...]) -> str:
 
 
 def _least_horizon(schedule: Schedule, handed_over: int | None) -> int:
-    """The least H for the times of the thread, in ns.
+    """The least H, in ns.
 
-    `handed_over` is the longest time from a release of the DM to the following start of SC. If it
+    `handed_over`: the longest time from a release of the DM to the start of SC that follows. If it
     is known, and no node is behind SC, it replaces the sum in H*.
     """
     if handed_over is None or any(o.nodes for o in schedule.outputs):
@@ -178,7 +178,7 @@ def _least_horizon(schedule: Schedule, handed_over: int | None) -> int:
 def _schedule_with_thread_times(
     schedule: Schedule, chains: CauseEffectChains, deployment: DeployedTimes
 ) -> Schedule:
-    """The schedule with the measured times of every component that runs in the thread."""
+    """The schedule with the thread's own times for each component that runs in the thread."""
 
     def chain_in_thread(r: CauseEffectChain) -> CauseEffectChain:
         stations = zip(r.stations, r.path.nodes, strict=True)

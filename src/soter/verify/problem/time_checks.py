@@ -373,7 +373,7 @@ def _check_every_step(
 
 
 def times_without_delays(times: Times) -> Times:
-    """The times for a map: only periods and phases, as reading and moving take no time."""
+    """The times of a map: periods and phases alone, as it is read and moved at one instant."""
     schedule = times.schedule
     return replace(
         times,

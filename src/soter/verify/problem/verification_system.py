@@ -176,7 +176,7 @@ def _system_with_abstractions(flat: System, module: Module) -> System:
 
 
 def _system_with_flying_plants(flat: System, module: Module) -> System:
-    """The module with only those plants of its system that it reads or that an axis names."""
+    """A system of the module alone, with the plants that it reads or that an axis names."""
     scope = {
         **flat.components[module.sc].scope.topics,
         **flat.components[module.ac].scope.topics,

@@ -48,11 +48,11 @@ final value, up to this share of the range that the state passed through."""
 
 @dataclass(eq=False)
 class ModelStates:
-    """Measurements of a problem's states by runs of the model; arrays have one entry per state.
+    """Measurements, by runs of the model, of the states of a problem, one array entry a state.
 
-    `names` are the names in hints. `ends` (states, 2) says where `safe` ends on a line through the
-    start, inf if nowhere. `far` (2, states) has the ranges of runs pushed by commands as far as SC
-    can still rescue; `near` has half of that. `points` has the farthest starts.
+    `names`: those in hints. `ends`: (states, 2), where `safe` ends along a line through the start;
+    inf: nowhere. `far`: (2, states), the ranges reached by runs whose start was pushed by commands
+    as far as SC can still rescue; `near`: half as far. `points`: the farthest starts.
     """
 
     problem: Problem
@@ -71,7 +71,7 @@ class ModelStates:
 
     @classmethod
     def of_problem(cls, problem: Problem, has_time_left: Callable[[], bool]) -> ModelStates:
-        """Measures the states of a problem on one cell per axis, which must hold the start."""
+        """The measurements for a problem on any grid that holds the start, as one cell an axis."""
         library, _ = library_of(problem)
         parameter = next(iter(parameter_cases(problem)))
         model = PointModel(

@@ -68,7 +68,7 @@ def used_cpu_s() -> float:
 
 
 def may_search_hints(checked: CheckResult, module: Module) -> bool:
-    """Whether hints of a module may be searched; it must be in the main file and have no views."""
+    """Whether hints of a module may be searched: it is in the main file, without views, ..."""
     symbol, verify = module.symbol, module.symbol.verify
     other = verify.views or verify.abstracts or verify.induction or verify.enters or module.view
     main = checked.loaded is not None and symbol.span.source is checked.loaded.main.source

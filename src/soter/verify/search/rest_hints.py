@@ -201,7 +201,7 @@ def _condition_text(name: str, low: float, high: float) -> str:
 def _lies_in_safe(
     found: ModelStates, runs: list[ModelTrace], ends: dict[int, tuple[float, float]]
 ) -> bool:
-    """Whether `safe` holds at random corners of the box, tried around the ends of some runs."""
+    """Whether `safe` holds at some drawn corners of the box, in which runs end."""
     draw = np.random.default_rng(5)
     for trace in runs[:STARTS]:
         for _ in range(8):

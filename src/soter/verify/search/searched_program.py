@@ -152,7 +152,7 @@ def _place_of_error(refused: Diagnostic) -> tuple[str, int]:
 
 
 def _with_tries(refused: Diagnostic, search: ProofSearch | None) -> Diagnostic:
-    """The error R008 with notes on hints tried in vain; without notes if `search` is None."""
+    """The error R008 with notes on the hints tried in vain; `search` None: none were tried."""
     helps = tuple(h for h in refused.helps if h != FINDS)
     if search is None:
         return replace(refused, notes=(*refused.notes, NOT_LOOKED_FOR), helps=helps)

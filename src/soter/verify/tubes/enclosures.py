@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def enclosed_ranges(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
-    """A range of each expression for inputs in `ranges`; (-inf, inf) if no range is known."""
+    """A range around each expression over `ranges` of the inputs; (-inf, inf): none is known."""
     return Enclosures([nodes]).ranges(0, ranges)
 
 
@@ -52,7 +52,7 @@ class Enclosures:
         self._caller = Caller("\n".join(text))
 
     def ranges(self, k: int, ranges: Ranges) -> list[Interval]:
-        """A range for each expression of list `k`; (-inf, inf) if no range is known."""
+        """A range around each expression of list `k`; (-inf, inf) where nothing is known."""
         value = self._caller.result
         inputs: list[Any] = [self._input_form(i, ranges[e.of]) for i, e in enumerate(self._used[k])]
         inputs = inputs or [value("f_number", 0.0)]

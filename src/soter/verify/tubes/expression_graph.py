@@ -38,7 +38,7 @@ CONDITIONS = frozenset(
 
 
 class NoExpressionError(Exception):
-    """Raised if Core computes something that no real expression describes; the text says why."""
+    """Core computes something that no real expression describes; the text says what."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -82,7 +82,7 @@ class Expressions:
         return self._node("number", float(value))
 
     def _folded_constant(self, op: Callable[[Any, Any], Any], a: Node, b: Node) -> Node | None:
-        """The exact result of `op` on two constants as a node; None if it would be rounded."""
+        """The node of the exact result of `op` on two constants; None: not constant, or rounded."""
         if a.op != "number" or b.op != "number":
             return None
         exact = op(Fraction(a.of[0]), Fraction(b.of[0]))
@@ -399,7 +399,7 @@ def _is_power_of_two(x: float) -> bool:
 
 
 def _bound_by_operands(e: Node, of: Sequence[float]) -> float:
-    """A bound of |e| if its operands have the bounds `of`; inf if the value may be NaN."""
+    """A bound of |e| for operands bounded by `of`, inputs by `FARTHEST`; inf: it may be NaN."""
     if e.op in CONDITIONS:
         return 0.0
     if e.op in PARTIAL or e.op == "exp" or inf in of:

@@ -39,7 +39,7 @@ class TooLongError(Exception):
 
 
 def functions_of(text: str) -> Mapping[str, FunSymbol]:
-    """The functions of a text, by name; may raise `TooLongError`. Other errors are defects here."""
+    """The functions of a text, by name; raises `TooLongError`. Other errors are defects here."""
     checked = check_file(NAME, f"soter 1;\n{text}")
     if any(d.code == "T007" for d in checked.diagnostics.items):
         raise TooLongError
@@ -166,7 +166,7 @@ def _statements_for_nodes(
 
 
 def _operands(e: Node) -> list[Node]:
-    """The operand nodes in the text of an operation, without limits of clamps and numbers."""
+    """The nodes that the text of an operation names: neither ends of clamps nor numbers."""
     if e.op == "min" and e.of[1].op == "number" and _is_lower_limit(e.of[0]):
         return [e.of[0].of[0]]
     if e.op in WITH_NUMBER and _exact_text(e.of[-1]):

@@ -29,7 +29,7 @@ LINES = re.compile(r".*  // collects\n")
 
 @dataclass(frozen=True)
 class Kink:
-    """The ends of a clamp, low < high, as values of the only state that the clamp reads."""
+    """The ends of a clamp, low < high, in units of `state`, the only one its argument reads."""
 
     state: int
     low: float
@@ -37,7 +37,7 @@ class Kink:
 
 
 def kinks_of(law: Sequence[Node]) -> Iterator[Kink]:
-    """The kinks of a law whose arguments read only one input, in the order of computation."""
+    """The kinks of a law, whose arguments read one input each, in the order of computation."""
     for e in in_order(law):
         if e.op == "min" and e.of[0].op == "max" and e.of[1].op == e.of[0].of[1].op == "number":
             argument, low, high = e.of[0].of[0], e.of[0].of[1].of[0], e.of[1].of[0]

@@ -65,7 +65,7 @@ class LeadBackResult:
 
 
 def box_ends(check: TubeCheck, by_state: Mapping[int, Interval]) -> Ends:
-    """The lower and upper ends of a box for the tube; [0, 0] for a state that is not in the box."""
+    """The ends of a box, as the tube takes them; [0, 0] for a state that nothing reads there."""
     ranges = [by_state.get(s, Interval(0.0, 0.0)) for s in check.states]
     return [r.low for r in ranges], [r.high for r in ranges]
 
@@ -164,7 +164,7 @@ class _LeadBackSearch:
         return {}
 
     def _smallest_last_part(self) -> Box:
-        """The smallest part that the search would reach last; if it fails, the search can end."""
+        """The smallest part that would come last; the search ends at once if that one fails."""
         part = self._box
         for _ in range(SPLITS):
             part = self._halves(part)[-1]
@@ -257,7 +257,7 @@ class _LeadBackSearch:
         return f"{text}: shown of {shown:.1%} of it, {where}"
 
     def _unknown_past_in_words(self) -> str:
-        """Words on reads of states that had no bound in the past; "" if all had bounds."""
+        """Words about reads of states without a bound; "" where the tube had bounds."""
         if all(r.low <= r.high for r in self._span.values()):
             return ""
         oldest = show_ns(self._check.times.delay)
@@ -282,7 +282,7 @@ def _is_start_shown(check: TubeCheck, ways: Box) -> bool:
 
 
 def is_start_collected(check: TubeCheck, ways: Box) -> bool:
-    """Whether the start is shown with runs collected at a kink; sets `kink` to one that works."""
+    """Whether the start is shown with runs collected at a kink; sets `kink` to the first such."""
     for kink in kinks_of(check.law):
         check.kink = kink
         with suppress(TooLongError):

@@ -51,10 +51,10 @@ def domain_conditions(
 class SplitRates:
     """Rates f(x, u, w) as a sum of the effects of commands u and disturbances w.
 
-    `still` is f with each affine disturbance in the middle of its range. `effects` has, for each
-    disturbance and then each control, its factor in every rate, 0 for inputs in `ranged`. A factor
-    may read x and `ranged`, and a disturbance's factor all controls (a brake that grips more or
-    less). `ranged` has the other inputs, which `still` reads as ranges.
+    `still`: f with every disturbance in which it is affine in the middle of its range. `effects`:
+    for each disturbance, then each control, its factor in every rate, 0 for those in `ranged`. A
+    factor may read x and `ranged`, and that of a disturbance all controls (a brake that grips more
+    or less). `ranged`: the others, which stand in `still`, and are ranges there.
     """
 
     still: list[Node]

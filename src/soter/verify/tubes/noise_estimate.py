@@ -49,7 +49,7 @@ class NoiseEstimate(NamedTuple):
 
     `on_time` is the largest share if no command were late, `young` if no read were old. `command`
     is SC's command at a corner of the box, as a share of the largest command. `back` is the number
-    of commands of SC after which all of the box is back inside; 0 if that takes too many.
+    of commands of SC after which all of the box is back inside, 0: none of those followed.
     """
 
     worst: int
@@ -61,7 +61,7 @@ class NoiseEstimate(NamedTuple):
 
 
 def noise_estimate(check: TubeCheck, box: Mapping[int, Interval]) -> NoiseEstimate | None:
-    """The noise estimate of a box; None if SC does not hold the plant or no derivative exists."""
+    """The estimate for a box; None: no derivative in its middle, or SC does not hold the plant."""
     if not has_known_operations(check):
         return None
     half = np.array([half_width(box[s]) if s in box else 0.0 for s in check.states])

@@ -98,11 +98,11 @@ class TubeTimes:
 
     @property
     def depth(self) -> int:
-        """The number of commands that may act while a read ages, the SC periods in d + 2 j."""
+        """How many commands may act while a read ages: SC's periods in d + 2 j, at least 1."""
         return max(1, -(-(self.delay + 2 * self.jitter) // self.period))
 
     def earlier_command_ns(self, p: int) -> int:
-        """The longest time in ns that the p-th command before the last may act after a read."""
+        """The longest time in ns for which the p-th command before the last acted since a read."""
         since = self.delay + 2 * self.jitter - p * self.period
         return max(0, min(self.period + 2 * self.jitter, since))
 
@@ -185,7 +185,7 @@ def is_far(r: Interval) -> bool:
 
 
 def topics_read(problem: Problem) -> set[int]:
-    """The topics that SC or a condition reads; a DM with `rest` reads all topics of its module."""
+    """The topics that SC or a condition of the module reads; a DM with `rest` reads them all."""
     return {*problem.module.scope.topics.values(), *topics_read_by_sc(problem)}
 
 

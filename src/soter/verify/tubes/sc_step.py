@@ -43,10 +43,10 @@ SLACK = 1e-9
 
 
 class ScStep:
-    """The step of SC as expressions over SC's reads and the values that SC keeps.
+    """The step of SC; `NoExpressionError` if SC may publish nothing, or keeps unsupported values.
 
-    `commands` has the published values in the order of controls, `ranges` the range of each input
-    "l", `floats` the input's number for each kept float by name. May raise `NoExpressionError`.
+    `commands`: the published values, in the order of controls. `ranges`: the range of each input
+    "l"; `floats`: the number of the input for each float that SC keeps, by its name.
     """
 
     def __init__(self, module: ModuleExpressions) -> None:
@@ -138,9 +138,9 @@ class ScStep:
         return held
 
     def find_ranges(self, reads: Mapping[int, Interval]) -> str:
-        """Finds ranges that no step leaves; returns the name of an unbounded float, or "".
+        """Sets `ranges` to ranges that no step leaves; returns the name of a float without, or "".
 
-        `reads` has for each state the set of the values that SC may read.
+        `reads`: for each state the set of the values that SC may read of it.
         """
         roots, first = [v for _, v in self._assigned], list(self.ranges)
         if not roots:

@@ -147,7 +147,7 @@ def runs_from(
 
 
 def _start_points(check: TubeCheck, box: Mapping[int, Interval], asked: Sequence[int]) -> Values:
-    """Starts (n, states): every corner of the box in the states `asked`, with several others."""
+    """Starts, shape (n, states): each corner in the states `asked`, the others at each place."""
     corners = _box_corners([[box[s].low, box[s].high] for s in asked])
     rest = [box.get(s, Interval(0.0, 0.0)) for s in check.states]
     rest = [r if np.isfinite(r.high - r.low) else Interval(0.0, 0.0) for r in rest]
@@ -158,7 +158,7 @@ def _start_points(check: TubeCheck, box: Mapping[int, Interval], asked: Sequence
 
 
 def _box_corners(sides: Sequence[list[float]]) -> list[list[float]]:
-    """The corners of a box; of many, only those with all or all but one side at the same end."""
+    """The corners of a box; of many sides only the corners with all but one at the same end."""
     if 2 ** len(sides) <= CORNERS_MAX:
         return [list(c) for c in product(*sides)]
     ends = [[side[0] for side in sides], [side[1] for side in sides]]

@@ -322,7 +322,7 @@ class TubeCheck:
         return f"  for k in 0..MAPS {{\n{asked}\n  }}\n" if self.problem.map_leaves else ""
 
     def _ranged_movers_text(self) -> str:
-        """The text for disturbances and commands that the rates read as ranges."""
+        """The text of the ranges of disturbances and commands that stand in rates as ranges."""
         lines, winds = [], self.problem.disturbances
         if any(reads_kind(x, "w") for x in self._ranged):
             forms = [form_text(middle(d), half_width(d), d.low, d.high) for d in winds]

@@ -1,8 +1,7 @@
 """How precisely a tube follows SC, which costs operations.
 
 Purpose: `PRECISIONS` are the ways in which `leading_back.py` tries to show a rest, the cheap ones
-first; `moves_quickly` says where the expensive ones can help. `text_in_precision` takes the lines
-out of the shared texts that a cheap one does not need.
+first. `text_in_precision` takes the lines out of the shared texts that a cheap one does not need.
 Non-goals: the steps themselves (`tube.soter`, `answer.soter`).
 """
 

@@ -57,7 +57,7 @@ def turning_states(
 
 
 def _multiple_of_state(e: Node, of: Sequence[float], state: int) -> float:
-    """The factor of the state in `e`, from the factors `of` of its operands; inf if not linear."""
+    """The multiple of the state in `e`, `of` being those in its operands; inf: not a multiple."""
     if e.op == "input":
         return float(e.of[0] in "xy" and e.of[1] == state)
     if not any(of) or (e.op in OF_A_TURN and abs(of[0]) == 1.0):

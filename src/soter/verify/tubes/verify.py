@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 def certificate_entry(
     result: TubeResult, system: str, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    """The module's entry in the manifest of a certificate, for which no files are needed."""
+    """The module's entry in the manifest of a certificate; adds nothing to `files`."""
     del stem, files
     verdicts = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
     verdicts.pop("failsafe", None)  # none is declared: there is nothing to be claimed

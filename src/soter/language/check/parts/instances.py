@@ -129,7 +129,7 @@ class Unroller:
         )
 
     def _warn_of_empty_loop(self, item: tree.Repeated, low: int, high: int) -> None:
-        """Warns W011 of a loop that has no rounds."""
+        """Warns W011 of a loop that ends before it begins, unless a loop around sets its bounds."""
         name = item.name.text
         self.shared.diagnostics.warning(
             "W011",

@@ -52,7 +52,7 @@ class ModuleChecker(CheckerPart):
     def symbol_of(
         self, decl: tree.RtaDecl, scope: FileScope, full_name: str
     ) -> typed.ModuleSymbol | None:
-        """Gives the symbol of a module, with its controllers and period; None if one is missing."""
+        """Gives the symbol of a module with checked controllers and period; None without one."""
         context = Context(scope, f"the declaration of module `{decl.name.text}`")
         parts = {"ac": decl.ac, "sc": decl.sc, "period": decl.period, "safe": decl.safe}
         missing = [word for word, part in parts.items() if part is None]
@@ -111,7 +111,7 @@ class ModuleChecker(CheckerPart):
         return module
 
     def _check_shield(self, decl: tree.RtaDecl, context: Context) -> typed.TypedExpr | None:
-        """Gives the count of cells per command; reports M027 for `shield;` without `rest`."""
+        """Gives into how many cells commands are cut; reports M027 for `shield;` without `rest`."""
         if not isinstance(decl.shield, tree.EachCommand):
             return self.check_number_if_given(decl.shield, context, INT, "`shield`")
         if decl.rest is None and decl.name.text not in context.scope.broken:
@@ -251,7 +251,7 @@ class ModuleChecker(CheckerPart):
     def _rest_move(
         self, item: tree.Move, context: Context, scope: FileScope
     ) -> typed.RestMove | None:
-        """Checks how far a number may move in `rest`; reports T001 if it is no `float`."""
+        """Checks how far a number of a topic may move in `rest`; reports T001 for no `float`."""
         by = self.shared.check_number(item.by, context, FLOAT, "how far it moves")
         place = self.shared.topic_of_path(item.path, scope)
         if place is None or has_error(by):

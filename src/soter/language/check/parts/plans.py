@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 def sc_and_its_topic(
     module: str, plans: Sequence[typed.NodeSymbol | None]
 ) -> tuple[typed.NodeSymbol | None, typed.TopicSymbol | None]:
-    """Gives the SC node that combines several plans, without a step, and the topic of the plan.
+    """Gives the node `sc` of a module, still without a step, and the topic of the plan's number.
 
-    (None, None) if the module has no plans, or a plan is unknown. `module` is its full name.
+    (None, None) if the module has no plans, or one is unknown. `module` is its full name.
     """
     known = [p for p in plans if p is not None]
     if not known or len(known) < len(plans):
@@ -42,7 +42,7 @@ def sc_and_its_topic(
 def set_step_from_plans(
     module: typed.ModuleSymbol, decl: tree.RtaDecl, diagnostics: Diagnostics
 ) -> None:
-    """Sets the step of a module's SC from the steps of its plans; reports M030 for bad plans."""
+    """Sets the step of a module's SC, after the steps of its plans were checked; reports M030."""
     assert module.plan is not None
     topic, span = module.plan, module.sc.span
     if decl.rest is None:

@@ -162,7 +162,7 @@ class SystemChecker(ItemChecker):
         )
 
     def _require_distinct_arrays(self, instances: dict[str, typed.InstanceSymbol]) -> None:
-        """Reports N002 if `r` is an instance and an array, or has one index here and two there."""
+        """Reports N002 if `r` is an instance and an array, or an array of one index and of two."""
         seen: dict[str, tuple[int, typed.InstanceSymbol]] = {}
         for name, instance in instances.items():
             base, count = name.partition("[")[0], name.count("[")
@@ -267,7 +267,7 @@ class SystemChecker(ItemChecker):
 
 
 def _module_helps(instances: dict[str, typed.InstanceSymbol], node: str) -> tuple[str, ...]:
-    """Gives a help that names the modules to which the node belongs; () if it belongs to none."""
+    """Gives, for the name of a node, a help that names the module to which the node belongs."""
     for name, instance in instances.items():
         symbol = instance.what
         if isinstance(symbol, typed.ModuleSymbol) and node in [n.name for n in symbol.named_nodes]:

@@ -41,7 +41,7 @@ class SettingChecker(CheckerPart):
         system: typed.SystemSymbol,
         scope: FileScope,
     ) -> list[typed.SetSymbol]:
-        """Checks `set` items, each with its instance or ""; reports N002 if one is repeated."""
+        """Checks `set` items, each with the instance whose braces have it, or ""; reports N002."""
         setting_by_key: dict[tuple[str, typed.ParamSymbol], typed.SetSymbol] = {}
         for home, item in items:
             symbol = self._check_setting(home, item, system, scope)
@@ -119,7 +119,7 @@ def enter_measures_and_faults(
     inside: Context,
     faults: list[tree.SystemFault],
 ) -> None:
-    """Checks the measures and faults of a system, and enters them in its symbol."""
+    """Fills in a system's checked measures and faults; `inside` is the context of properties."""
     system.measures = tuple(_check_measures(shared, decl.measures, inside))
     place = Context(inside.scope, f"the faults of `{decl.name.text}`")
     system.faults = tuple(_check_fault(shared, f, place) for f in faults)
@@ -172,7 +172,7 @@ def _check_fault(
 
 
 def mark_path_used(path: tree.DottedPath, scope: FileScope) -> None:
-    """Marks all names of a path as used, so that no warning calls them unused."""
+    """Marks as used the names of a path to something that a test replaces or disturbs."""
     for part in path.parts:
         if part.text in scope.entries:
             scope.entries[part.text].used = True
@@ -181,7 +181,7 @@ def mark_path_used(path: tree.DottedPath, scope: FileScope) -> None:
 
 
 class ItemChecker(CheckerPart):
-    """Checks items that systems and tests have in common: properties, replacements, inputs."""
+    """Checks what systems and tests share: properties, replacements, inputs, settings."""
 
     def __init__(self, shared: Shared) -> None:
         super().__init__(shared)

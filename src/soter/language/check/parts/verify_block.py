@@ -316,7 +316,7 @@ class VerifyChecker(CheckerPart):
     def _contexts_of_systems_with(
         self, module: typed.ModuleSymbol, instance: tree.Name, scope: FileScope
     ) -> list[Context]:
-        """Gives a context per system with module and instance; reports M013 if none has both."""
+        """Gives a context for each system with both; reports M013 if none has the instance."""
         contexts: list[Context] = []
         lacking: list[tuple[typed.SystemSymbol, dict[str, typed.InstanceSymbol]]] = []
         for home in self.shared.names.scopes:

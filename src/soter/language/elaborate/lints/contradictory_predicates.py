@@ -80,7 +80,7 @@ def cached_trials(system: System, module: Module) -> list[Trial]:
 
 
 def _key_of_trials(system: System, module: Module, indices: Sequence[int]) -> tuple[object, ...]:
-    """Gives a key made of all data on which the trials of a module depend."""
+    """Gives a key made of all that a module's trials depend on; systems of one key share them."""
     place = {index: k for k, index in enumerate(indices)}
     wires = ((t, place.get(i)) for t, i in module.scope.topics.items() if i in place)
     of_topics = ((t.type, t.bounds, t.default) for t in (system.topics[i] for i in indices))
@@ -125,14 +125,14 @@ def warn_of_contradictions(
 
 
 def _are_exchanged(trials: Sequence[Trial]) -> bool:
-    """Whether `ttf` and `safer` seem exchanged, in trials with `safe` and in trials without."""
+    """Whether `ttf` and `safer` seem exchanged, both where `safe` holds and where it is lost."""
     lost = [t for t in trials if not t[2]]
     turned = bool(lost) and all(s and not f for f, s, _, _ in lost)
     return turned and any(f and not s for f, s, held, _ in trials if held)
 
 
 def _negated_predicate(trials: Sequence[Trial]) -> tuple[str, bool] | None:
-    """Gives the predicate that seems negated, and whether its opposite fits all trials; or None."""
+    """Gives the predicate that is negated by mistake, and whether its opposite fits; or None."""
     lost = [t for t in trials if not t[2]]
     if len(lost) < LOST_MIN:
         return None
@@ -146,7 +146,7 @@ def _negated_predicate(trials: Sequence[Trial]) -> tuple[str, bool] | None:
 def _warn_of_negated_predicate(
     symbol: typed.ModuleSymbol, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> bool:
-    """Warns W013 of a predicate that seems negated by mistake; returns whether it warned."""
+    """Warns W013 of a predicate negated by mistake: `ttf` is false, or `safer` true, in danger."""
     turned = _negated_predicate(trials)
     if turned is None:
         return False
@@ -340,7 +340,7 @@ def scalars_in(value: Value) -> list[Value]:
 
 
 def with_scalars(values: Sequence[Value], scalars: Sequence[Value]) -> list[Value]:
-    """Gives `values` with their scalars replaced by `scalars`, in order."""
+    """Gives `values` with their scalars replaced by `scalars`, in the order of `scalars_in`."""
     new_scalars = iter(scalars)
 
     def refilled(value: Value) -> Value:
@@ -354,7 +354,7 @@ Holds = Callable[["Sequence[typed.TypedExpr]", "Sequence[Value]"], list[bool]]
 
 
 def evaluator_of_predicates(system: System, module: Module, indices: Sequence[int]) -> Holds:
-    """Gives a function that evaluates predicates at topic values, or raises BudgetExceeded."""
+    """Gives a function that evaluates predicates at values of topics; it raises BudgetExceeded."""
     evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
     topics = [t.default for t in system.topics]
     left = BUDGET

@@ -290,7 +290,7 @@ def warn_of_old_topics(system: System, module: Module, diagnostics: Diagnostics)
 
 
 def warn_of_ageless_topics(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """Warns W034 of a measured topic that a DM reads at any age; warns once for each topic."""
+    """Warns W034 of a measured topic that a DM reads at any age; only at the first such module."""
     if not _runs_alone(system):
         return
     before = {system.topics[i].symbol for m in system.modules[: module.index] for i in m.inputs}
@@ -440,7 +440,7 @@ def _warn_of_rarely_drawn_inputs(
 
 
 def warn_of_property_times(system: System, diagnostics: Diagnostics) -> None:
-    """Warns W026 of a comparison with `time` that becomes true only after the system ends."""
+    """Warns W026 of a comparison with `time` that holds, but never before the system ends."""
     if system.until_ns is None:
         return
     for p in system.properties[:PROPERTIES_MAX]:

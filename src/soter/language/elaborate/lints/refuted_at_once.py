@@ -132,7 +132,7 @@ def _warn_of_property_at_start(system: System, p: Property, diagnostics: Diagnos
 
 
 def start_values(c: Component, end: int, topics: list[Value] | None = None) -> Environment:
-    """Gives the values for a plant's code, with all states at the low (0) or high (1) end.
+    """Gives the values for a plant's code, each state at the low (0) or high (1) end of its set.
 
     With `topics`, the disturbances are also set, to the middles of their ranges.
     """
@@ -298,9 +298,9 @@ def _hold_together_between(
     beyond: Sequence[Value],
     inside: Sequence[Value],
 ) -> bool:
-    """Searches for a point between `beyond` and `inside` at which both conditions hold.
+    """Whether two conditions both hold somewhere between `beyond` and `inside`, by halving.
 
-    The second one holds at `inside`. The search halves a line; it changes all numbers, or only one.
+    The second one holds at `inside`. The search goes straight, or changes one number only.
     """
     far, near = scalars_in(tuple(beyond)), scalars_in(tuple(inside))
     ends = [near, *([*far[:k], near[k], *far[k + 1 :]] for k in range(len(far)))]

@@ -162,7 +162,7 @@ class _Run:
     # ------------------------------------------------------------ doubts
 
     def first_doubt(self, *, unproved: bool) -> Doubt:
-        """Gives the first doubt about `rest`; None if it has none or the run cannot be followed."""
+        """Gives the first doubt about `rest`, or None; after commands only if SC keeps `safe`."""
         claims = [self._doubt_of_end, self._doubt_of_moves, self._doubt_of_within]
         if self.after:
             claims += [self._doubt_of_unmoved_number] * unproved
@@ -183,7 +183,7 @@ class _Run:
         return None
 
     def _doubt_of_unmoved_number(self) -> Doubt:
-        """Gives a doubt about a number in `rest` that SC does not move back; or None."""
+        """Gives a doubt about a number in `rest` that stays where the commands brought it."""
         for k in self.read:
             if self.seen[0][k] != self.was[k] and len({x[k] for x in self.seen}) == 1:
                 message = f"SC does not move `{self.names[k]}`, which `rest` bounds"
@@ -192,7 +192,7 @@ class _Run:
         return None
 
     def _doubt_of_start(self) -> Doubt:
-        """Gives a doubt about `safe` if it is false where the plants start; or None."""
+        """Gives a doubt about `safe` if it is false where plants start, with default maps."""
         safe, topics = self.module.symbol.safe, [t.default for t in self.system.topics]
         values = trials.with_scalars([topics[i] for i in self.driven], self.seen[0])
         for i, value in zip(self.driven, values, strict=True):
@@ -204,7 +204,7 @@ class _Run:
         return safe.span, "`safe` is false at the start", "false of what is published first", help_
 
     def _doubt_of_bounds(self) -> Doubt:
-        """Gives a doubt if part of `rest` holds at both ends of a number's set; or None."""
+        """Gives a doubt about `rest` if it reads a number and holds at both ends of its set."""
         for k, bound in enumerate(self.bounds.values()):
             parts, name = [p for p, read in self.parts if k in read], self.names[k]
             ends = (-FAR, FAR) if bound is None else (bound.low, bound.high)
@@ -249,7 +249,7 @@ class _Run:
         return at, message, f"false where {values}", help_
 
     def _doubt_of_moves(self) -> Doubt:
-        """Gives a doubt about `moves` if SC moves a number further than `moves` allows; or None."""
+        """Gives a doubt about `moves` if SC moves a number further, or loses `safe` without it."""
         rest, items, found, moves = self.rest, list[str](), None, {}
         for m in rest.moves:
             i = self.module.scope.topics[m.topic]
@@ -280,7 +280,7 @@ class _Run:
         return found[0], "`moves` does not bound all that SC moves", found[1], help_
 
     def _doubt_of_one_side(self) -> Doubt:
-        """Gives a doubt about a `rest` that bounds a number on one side only; or None."""
+        """Gives a doubt about a `rest` that bounds a number on one side of where SC ends only."""
         for k, bound in enumerate(self.bounds.values()):
             parts, name = [p for p, read in self.parts if k in read], self.names[k]
             for x in (-FAR, FAR) if bound is None else (bound.low, bound.high):
@@ -303,7 +303,7 @@ class _Run:
         return "up" if last > 0.0 else "down"
 
     def _directions_that_lose_safe(self, k: int) -> list[str]:
-        """Gives the directions in which number `k`, if it moves very far, loses `safe`."""
+        """Gives the directions in which number `k`, far away or turned often, loses `safe`."""
         safe, ways = self.module.symbol.safe, (("down", -1.0), ("up", 1.0))
         ends = ((w, (x * FAR, self.seen[-1][k] + x * TURNS)) for w, x in ways)
         return [w for w, places in ends if not any(self._holds_with(safe, k, x) for x in places)]

@@ -149,7 +149,7 @@ class _StepRanges(RangeEvaluator):
         return returned, True
 
     def _forget_assigned(self, body: tuple[t.TypedStmt, ...]) -> None:
-        """Sets the variables that `body` assigns to the range of all values of their types."""
+        """Sets variables that `body` assigns to all values, as its rounds are not counted."""
         for n in nodes(body):
             if isinstance(n, t.Place):
                 self.variables[n.variable] = all_values(n.variable.type)

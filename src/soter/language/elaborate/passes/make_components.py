@@ -29,7 +29,7 @@ RANK = {"plant": 0, "dm": 1, "sc": 2, "ac": 3, "node": 3}
 
 
 def make_components(flat: Flattening, role: str) -> None:
-    """Adds `components`, `plants` and `unknown`, and the topics that they see; needs `placed`.
+    """Adds `components`, `plants` and `unknown`, and topics of their scopes; needs `placed`.
 
     `role` becomes the role of each node outside of modules.
     """
@@ -59,7 +59,7 @@ def _period_ns(flat: Flattening, expr: typed.TypedExpr, description: str, name: 
 
 
 def scope_at(flat: Flattening, placed: PlacedInstance, topics: list[typed.TopicSymbol]) -> Scope:
-    """Gives the scope of a placed instance, in which each of `topics` has its index."""
+    """Gives the scope of a placed instance: the topic that each of `topics` means there."""
     return Scope({t: topic_index_at(flat, placed, t) for t in topics}, placed.params)
 
 

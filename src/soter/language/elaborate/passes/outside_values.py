@@ -63,7 +63,7 @@ def _declared_values(flat: Flattening, item: typed.InputSymbol, topic: Topic) ->
 
 
 def _input_items(flat: Flattening) -> Iterator[tuple[SubSystem, typed.InputSymbol]]:
-    """Yields (part, `input` item) for each input without a wire; those of the test come first."""
+    """Yields (part, `input` item) for each unwired input of the test, the system and its parts."""
     if flat.test is not None:
         yield from ((flat.parts[0], item) for item in flat.test.inputs)
     for part in flat.parts:
@@ -74,7 +74,7 @@ def _input_items(flat: Flattening) -> Iterator[tuple[SubSystem, typed.InputSymbo
 
 
 def add_externals(flat: Flattening) -> None:
-    """Adds each topic from outside to `externals`, as the outermost system declares it."""
+    """Adds each topic from outside to `externals`, as the outermost of its systems declares it."""
     external_by_topic: dict[int, External] = {}
     for part in flat.parts:
         for item in part.system.externals:

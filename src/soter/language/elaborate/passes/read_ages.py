@@ -27,7 +27,7 @@ def least_age_ns(system: System, topic: int) -> int | None:
 def fresh_ages_ns(
     system: System, module: Module, most_ns: int | None = None
 ) -> dict[int, int | None]:
-    """Gives topic -> the greatest age in ns at which the DM accepts it; None for any age.
+    """Gives topic -> the greatest age in ns at which the DM sees it as fresh; None for any age.
 
     `most_ns`: the greatest age that a proof assumes for topics that plants publish.
     """

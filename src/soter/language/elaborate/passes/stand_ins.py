@@ -249,7 +249,7 @@ def _with_chosen_values(e: typed.TypedExpr, put: Put) -> typed.TypedExpr:
 
 
 class _TriedValues:
-    """The values of a topic that a stand-in tries: all, or with `read` only as many as it needs."""
+    """The values of a topic that a stand-in tries; all of them if `read` (its reads) is None."""
 
     def __init__(
         self, topic: Topic, stated: Mapping[Path, Sequence[Value]], read: ReadTopic | None
@@ -283,7 +283,7 @@ class _TriedValues:
         return _choice_of_all(t, bounds, name, where)
 
     def _tries_elements(self, path: Path | None) -> bool:
-        """Whether to try each element of an array, because code may distinguish its values."""
+        """Whether code distinguishes values of an array's elements, or all are to be tried."""
         return self.read is None or path is None or self.read.place_of_whole_read(path) is not None
 
     def _choice_of_parts(
@@ -315,7 +315,7 @@ class _TriedValues:
 def _choice_of_all(
     t: Type, bounds: Sequence[Bound | None], name: str, where: Span | None
 ) -> tuple[typed.TypedExpr, int]:
-    """Gives a choice between all values of a scalar, and their number; may raise EndlessError."""
+    """Gives a choice of all values of a scalar, and their number; EndlessError if too many."""
     low, count = 0, 0
     if isinstance(t, BoolType):
         count = 2
@@ -347,7 +347,7 @@ def _choice_to_publish(symbol: typed.TopicSymbol) -> typed.TypedExpr:
 
 
 def _first_choice(value: typed.TypedExpr) -> typed.TypedExpr:
-    """Gives the first alternative of the choice `value`, if all alternatives are equally right."""
+    """Gives the first of the values that `value` chooses from, where any of them is right."""
     if isinstance(value, typed.Aggregate):
         return replace(value, elements=tuple(_first_choice(e) for e in value.elements))
     if isinstance(value, typed.Literal):
@@ -368,7 +368,7 @@ def _span_with_text(words: str) -> Span:
 class StatedValues:
     """The values that a test states for a part of a topic; `first` is the part's first value.
 
-    `promised`: whether the test `guarantees` the values, so that `first` is tried, too.
+    `promised`: the test `guarantees` them, so that `first` is tried, too; else it `assumes` them.
     """
 
     topic: int
@@ -387,7 +387,7 @@ class StatedValues:
 
 
 def topic_and_path(read: typed.TypedExpr) -> tuple[typed.TopicSymbol, Path]:
-    """Gives the topic that `read` reads, and the path of the field in it, outermost name first."""
+    """Gives the topic that `read` reads, and the path of the field in it, outermost index first."""
     path: list[int] = []
     while isinstance(read, typed.TypedField):
         path.append(read.index)

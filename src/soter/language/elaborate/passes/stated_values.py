@@ -93,7 +93,7 @@ def _stated_property(c: Component, s: StatedValues, test: typed.TestSymbol, inde
 
 
 def _check_stated_values(flat: Flattening, test: typed.TestSymbol) -> None:
-    """Reports E020 for values of a topic that no stand-in publishes, N002 for repeated values."""
+    """Reports E020 for values of a topic of no stand-in, N002 for values that are stated twice."""
     published = {t for c in flat.components if c.stands_for is not None for t in c.writes}
     before: list[StatedValues] = []
     for s in flat.stated[test]:
@@ -120,7 +120,7 @@ def _check_stated_values(flat: Flattening, test: typed.TestSymbol) -> None:
 
 
 def give_steps_to_stand_ins(flat: Flattening, test: typed.TestSymbol, system: System) -> None:
-    """Gives stand-ins steps that publish all values which code of `system` can distinguish."""
+    """Gives stand-ins their steps, which publish all values that code of `system` distinguishes."""
     if flat.partial or flat.diagnostics.error_count:
         return
     asked = [(e, p.scope) for p in flat.timed for e in (p.premise, p.condition) if e]
@@ -138,7 +138,7 @@ def give_steps_to_stand_ins(flat: Flattening, test: typed.TestSymbol, system: Sy
 
 
 def _constant_value(e: typed.TypedExpr, scope: Scope) -> Value | None:
-    """Gives the value of an expression of constants and parameters; None for any other."""
+    """Gives the value of an expression of constants and parameters; None if it has no value."""
     return Calculator(Diagnostics(), scope.params).value(e, "a constant")
 
 

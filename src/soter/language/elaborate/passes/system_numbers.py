@@ -74,7 +74,7 @@ class Parameters:
                 self._set.setdefault((prefix + item.path, item.param), item)
 
     def values_inside(self, path: str, around: Values) -> Values:
-        """Gives the values in the instance at a full path; `around` itself if it sets none."""
+        """Gives the values in the instance at a full path; `around` itself if none is set there."""
         set_here = {p: v for p in around if (v := self._setting_for(path, p, None)) is not None}
         if not set_here:
             return around
@@ -130,7 +130,7 @@ class Parameters:
 def has_param(
     program: typed.TypedProgram, systems: Iterable[typed.SystemSymbol], name: str
 ) -> bool:
-    """Whether `name` is the full name of a parameter in the program or in an instance."""
+    """Whether a full name means a parameter of the program, or of an instance in `systems`."""
     param = program.param(name)
     if param is None or name == param.name:
         return param is not None
@@ -154,7 +154,7 @@ MAX_TIME_NS = 2**62
 
 
 class Numbers:
-    """Computes the numbers of one system from its parameters."""
+    """Computes the numbers of one system under its parameters."""
 
     def __init__(
         self,
@@ -173,7 +173,7 @@ class Numbers:
 
     @contextmanager
     def with_params(self, params: Values) -> Iterator[None]:
-        """Lets numbers inside the `with` be computed with these parameters, in the same budget."""
+        """Lets the numbers inside the `with` be computed with these parameters, in one budget."""
         before, outer = self.params, self.calculator
         if params is not before:
             known = self._calculators.get(id(params))
@@ -222,14 +222,14 @@ class Numbers:
         return None
 
     def duration_ns(self, expr: typed.TypedExpr | None, subject: str) -> int | None:
-        """Gives a positive time in ns; None if undeclared or after reporting C001 or C002."""
+        """Gives a time in ns; None without one or after C001 (not above 0), C002 (too long)."""
         if isinstance(expr, typed.Literal) and expr.name == UNKNOWN:
             return None
         value = self.time_ns_from(expr, subject, 1, "must be longer than zero")
         return self._value_in_limits(value, expr, subject, (MIN_PERIOD_NS, MAX_PERIOD_NS), show_ns)
 
     def run_length_ns(self, expr: typed.TypedExpr | None, subject: str) -> int | None:
-        """Gives the length of a run in ns; None if it is undeclared or has an error."""
+        """Gives the length of a run in ns; None if it is undeclared or after a reported error."""
         value = self.time_ns_from(expr, subject, 1, "must be longer than zero")
         if value is None or expr is None or value <= MAX_TIME_NS:
             return value
@@ -238,7 +238,7 @@ class Numbers:
         return None
 
     def delay_ns(self, expr: typed.TypedExpr | None, subject: str) -> int | None:
-        """Gives a delay in ns, which may be 0; None if it is undeclared or has an error."""
+        """Gives a delay in ns, which may be 0; None if undeclared or after a reported error."""
         value = self.time_ns_from(expr, subject, 0, "cannot be negative")
         return self._value_in_limits(value, expr, subject, (0, MAX_PERIOD_NS), show_ns)
 
@@ -380,10 +380,10 @@ def warn_of_idle_settings(
     code: Iterable[tuple[str, tuple[object, ...]]],
     diagnostics: Diagnostics,
 ) -> None:
-    """Warns W010 of each setting that nothing in its instance reads.
+    """Warns W010 of each setting, with a full path, that nothing in its instance reads.
 
-    `code`: (path, parts of the checked program) for all instances. Settings in a loop get one
-    warning, at the first one.
+    `code`: the paths of all instances, each with parts of the checked program that stand there.
+    Settings in a loop get one warning, at the first one.
     """
     known: dict[int, Reads] = {}
     read_by_path: dict[str, set[typed.ParamSymbol]] = {}

@@ -133,7 +133,7 @@ def text_of_number_outside(number: float, bound: Bound) -> str:
 
 
 class _Bounder:
-    """Finds the bound of each leaf of a type, from the innermost declared set around the leaf."""
+    """Finds the bound of each leaf of a type: the innermost declared set that covers it."""
 
     def __init__(self, sets: dict[tuple[str, ...], Bound]) -> None:
         self.sets = sets

@@ -119,7 +119,7 @@ class BodyParser(StatementParser):
                     self.i += 1
 
     def _report_sign_after_word(self, word: int) -> None:
-        """Reports the wrong sign in `period: 50ms;` or `period = 50ms;`, and skips it."""
+        """Reports the sign in `period: 50ms;` or `period = 50ms;`, and takes it out."""
         sign = self.kinds[word + 1]
         if sign in (":", "="):
             self.i = word + 1
@@ -291,7 +291,7 @@ class BodyParser(StatementParser):
         return True
 
     def _is_topic_of_file(self, word: str) -> bool:
-        """Whether the file contains the declaration of a topic with this name."""
+        """Whether the file declares a topic of this name, as far as it looks."""
         pairs = zip(self.kinds, self.texts[1:], strict=False)
         return any(kind == "topic" and text == word for kind, text in pairs)
 

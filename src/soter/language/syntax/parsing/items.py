@@ -194,7 +194,7 @@ def pair(*parts: object) -> tuple[object, ...]:
 
 
 def made(make: Callable[..., Any], *steps: Step) -> Read:
-    """Makes a reader that gives `make` called with the steps' values and a span."""
+    """Makes a reader that calls `make` with steps' values (the last step reads `;`) and a span."""
 
     def read(parser: Cursor, _word: str, start: int) -> Any:  # noqa: ANN401 - a node
         return make(*values_of(parser, *steps), parser.span_from(start))

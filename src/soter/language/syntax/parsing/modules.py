@@ -110,7 +110,7 @@ def _parse_acts(parser: BodyParser, _word: str, _start: int) -> tuple[Expr, Expr
 
 
 def _parse_recover(parser: BodyParser, _word: str, start: int) -> tuple[Expr, Span | None]:
-    """Parses `recover within 10s;`, or `recover never;`, by which SC may keep control for ever."""
+    """Parses `recover within 10s;`, or `recover never;`: then SC may stop for good."""
     if parser.texts[parser.i] != "never":
         parser.expect_word("within", "after `recover`")
         return parser.time_value("`within`"), None

@@ -236,7 +236,7 @@ class StatementParser(ExpressionParser):
         return tree.AssignStmt(self.span_from(start), place, value)
 
     def _parse_misspelt(self) -> tree.SyntaxStmt | None:
-        """Parses a statement whose first word is misspelt; None if no statement was meant."""
+        """Parses a statement with a misspelt word, or one of another language; else None."""
         i = self.i
         word, following = self.texts[i], self.kinds[i + 1]
         if following in PLACE_FOLLOWS:

@@ -339,7 +339,7 @@ class Cursor:
         return here
 
     def expect(self, kind: str, where: str, *, opener: int | None = None) -> None:
-        """Steps over a token of this kind; if it is missing, reports that and raises Panic."""
+        """Steps over a token of this kind; else reports "expected `kind` `where`", raises Panic."""
         if self.accept(kind):
             return
         also = ((self.token_span(opener), "opened here"),) if opener is not None else ()
@@ -578,7 +578,7 @@ class Cursor:
         self.quiet = self.i
 
     def is_nested_declaration(self) -> bool:
-        """Whether the indentation of the declaration here shows that it is inside another one."""
+        """Whether the declaration at the cursor is indented as if it belonged to this one."""
         return not self.inner and self.line_indent(self.i) > self.indent
 
     def are_braces_closed(self, levels: int) -> bool:
