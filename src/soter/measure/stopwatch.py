@@ -237,7 +237,7 @@ class TimedUnit:
     def measure_steps(
         self, c: Component, states: Bytes, *, swept: bool
     ) -> tuple[npt.NDArray[np.int64], int]:
-        """The ns of one step from each state, (n, size), and how many of the steps faulted."""
+        """The ns of a step from each row of `states` (n, size), and how many steps faulted."""
         took = np.zeros(len(states), dtype=np.int64)
         states = np.ascontiguousarray(states)
         job = self.ffi.new(

@@ -147,7 +147,7 @@ OBSERVED = {
 
 
 def box_bounds(path: Path, space: Made) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """The least and the largest of each number of a Box, (n,); raises SoterError X014."""
+    """The lower and the upper bound of each number of a Box, (n,); raises SoterError X014."""
     low, high = (read_array(space.state.get(k)).reshape(-1) for k in ("low", "high"))
     if low.shape != high.shape or not low.size:
         raise bad_policy_error(path, "the bounds of a Box are not one for each number")

@@ -84,7 +84,7 @@ def moved_rows(
 
 
 def plain_numbers(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """The k numbers of each value, (..., k), in declared order; the type has no lists."""
+    """The k numbers in each value, (..., k), in declared order; `t` must not contain lists."""
     if isinstance(t, RecordType):
         return np.concatenate([plain_numbers(f, values[n]) for n, f in t.fields], axis=-1)
     if isinstance(t, ArrayType):

@@ -59,7 +59,7 @@ def element_at(make: Operations, elements: Sequence[Value], index: Linear) -> Va
 
 @remembered_with_doubts
 def element_of_table(make: Operations, rows: Rows, index: Value) -> Value:
-    """An element of a table with two indices; raises NotRecheckedError if rows differ in kind."""
+    """An element of a table with two indices. NotRecheckedError if rows differ in length."""
     first = rows.elements[0]
     if len({len(row) for row in rows.elements}) != 1 or len({type(v) for v in first}) != 1:
         raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")

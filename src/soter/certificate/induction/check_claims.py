@@ -95,7 +95,7 @@ def recheck_induction(
 
 
 def read_entry(flat: System, entry: dict[str, Any]) -> None:
-    """Reads code and times as `recheck_induction` does, with its errors, but asks no solver."""
+    """Reads code and times like `recheck_induction`, raises the same errors, asks no solver."""
     facts = read_induction(flat, entry["module"])
     k, _ = compare_entry(facts, entry["induction"])
     _require_affordable(facts, k + 1)

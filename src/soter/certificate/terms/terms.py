@@ -239,7 +239,7 @@ class Terms:
         return Linear(x.const, x.terms, x.radius + error, *ends, x.nonnegative, rounds=x)
 
     def no_overflow_conditions(self, x: Linear) -> tuple[Proposition, ...]:
-        """The propositions under which a machine that computes about `x` gets no infinity."""
+        """Conditions under which a machine that computes `x` with rounding gets no infinity."""
         if magnitude(x.low).max(magnitude(x.high)) < LARGEST:
             return ()
         return tuple(self.below_zero(self.combine(((s, x),), -LARGEST)) for s in (ONE, -ONE))

@@ -67,7 +67,7 @@ class CommandOutcome:
 
 
 def exit_of_kinds(kinds: Iterable[Kind]) -> int:
-    """The exit code for findings of these kinds; all commands with verdicts use the same rule."""
+    """The exit code of `verify`, `test` and `monitor` for findings of these kinds."""
     found = set(kinds)
     return VIOLATED if "fail" in found else UNDECIDED if "open" in found else FINE
 

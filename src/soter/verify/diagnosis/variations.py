@@ -235,7 +235,7 @@ def _nearer_start(found: NotProved) -> Iterator[Change]:
 
 
 def _nearest_starts(case: Case, grid: GridProof) -> Iterator[tuple[int, float]]:
-    """New starts of as few states as possible, and as near as possible, as (state, value)."""
+    """The nearest start: the few states that it changes, each as (state, new value)."""
     times, engine = case.problem.times, grid.engine
     in_time = engine.cells_safe_for(case.problem.whole_periods(times.start), grid.found.core > 0)
     cells = np.argwhere(in_time)
