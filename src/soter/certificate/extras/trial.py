@@ -73,7 +73,7 @@ def _try_sets(flat: System, entry: dict[str, Any], certificate: Certificate) -> 
 
 
 def follow_few_cells(check: GridCheck, claims: set[str]) -> None:
-    """Follows SC, and any command, from a few cells of K, only to see whether an error is raised."""
+    """Follows SC, and any command, from a few cells of K, only to see whether it raises."""
     everywhere = Cells(check.grid, np.ones(check.grid.shape, dtype=np.bool_))
     free = FreeCheck(check.model, check.tables, check.model.facts.times["H_ns"])
     cells = np.argwhere(check.kernel.members)

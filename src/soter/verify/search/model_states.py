@@ -319,7 +319,7 @@ def _range_of_states(states: Sequence[Floats]) -> Floats:
 
 
 def _some_patterns(model: PointModel) -> list[Pattern]:
-    """A few patterns: the undisturbed one, the first and the last of the others, two random ones."""
+    """A few patterns: the calm one, the first and the last of the others, two random ones."""
     quiet, *worse = patterns_to_try(model)
     drawn = np.random.default_rng(0).integers(0, len(worse), 2) if worse else ()
     chosen = {0, len(worse) - 1, *map(int, drawn)} if worse else set()
