@@ -187,7 +187,11 @@ ROOMS = {
     "tests/unit/language": (21, "as above"),
     "tests/unit/verify/claims": (18, "a file a claim or a choice, found by its name"),
     "tests/unit/certificate": (65, "as above; and what single functions promise, by kind"),
-    "tests/unit/verify/tubes": (28, "as above, what enumerates small systems, maps, fits, plans"),
+    "src/soter/verify/tubes": (
+        17,
+        "one subject each, along the proof",
+    ),
+    "tests/unit/verify/tubes": (29, "as above, what enumerates small systems, maps, fits, plans"),
     "tests/unit/cli": (41, "as above: a file a command"),
     "tests/unit/monitor": (19, "as above: a file a format, and what a log may lie about"),
     "tests/unit/explore": (36, "as above; the engine's strategies are asked one by one"),

@@ -147,12 +147,13 @@ TAKEN = {
     "map": {"built.edges", "built.entries"},
     "shield": {"built.edges", "built.entries", "built.commands", "problem.controls"},
     "moved": {"built.edges", "built.entries", "built.commands", "problem.controls"},
-    "rest": {"claims.ways", "claims.cut", "problem.within_ns", "problem.drifts", "problem.errors"},
-    "judged": {"claims.ways", "claims.cut", "problem.within_ns", "problem.times.schedule.sc"},
+    "rest": {"claims.ways", "claims.precision"}
+    | {f"problem.{name}" for name in ("within_ns", "drifts", "errors")},
+    "judged": {"claims.ways", "claims.precision", "problem.within_ns", "problem.times.schedule.sc"},
     "free": {"claims.ways[0]", "claims.ways[1]", "claims.ways[2]", "problem.errors"},
 }
 """What at least is found to be in the C: a walk that finds nothing shows nothing."""
-OF_NO_CLAIM = ("claims.cut", "built.commands.lasting")
+OF_NO_CLAIM = ("claims.precision", "built.commands.lasting")
 """How forms are shortened, each way of which is sound, and which command is proposed: what is
 proposed is judged like any other. No claim rests on them, and no certificate has them."""
 MANY = 100

@@ -27,6 +27,7 @@ from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.problem import TubeProblem, TubeTimes
 from soter.verify.tubes.sc_step import ScStep
 from soter.verify.tubes.tube_check import TubeCheck
+from soter.verify.tubes.tube_precision import Precision
 from unit.verify.tubes.random_plants import drawn_module
 from unit.verify.tubes.test_rest_claims import FOLLOW
 
@@ -188,7 +189,8 @@ def test_times_and_ranges_are_covered_by_their_doubles(monkeypatch: pytest.Monke
         times = TubeTimes(first, latest, latest, d, jitter, period, 20)
         free, steps = rng.randrange(1, 9), rng.randrange(1, 4)
         monkeypatch.setattr(tube_check, "FREE", free)
-        monkeypatch.setattr(tube_check, "STEPS", steps)
+        one = Precision(6, shares=True, steps=steps)
+        monkeypatch.setattr(tube_check, "PRECISIONS", (one,))
         low, high = sorted((rng.uniform(-3, 3), rng.uniform(-3, 3)))
         check.problem.controls = tuple(replace(c, low=low, high=high) for c in controls)
         check.times = times
@@ -222,7 +224,8 @@ def test_more_symbols_than_sums_allow_for_are_refused(monkeypatch: pytest.Monkey
     problem = extract(flat, flat.modules[0])
     assert isinstance(problem, TubeProblem)
     check = TubeCheck(problem)
-    monkeypatch.setattr(tube_check, "STEPS", 2000)
+    many = Precision(6, shares=True, steps=2000)
+    monkeypatch.setattr(tube_check, "PRECISIONS", (many,))
     with pytest.raises(SoterError, match="symbols"):
         check.text_in_flight({})
 
