@@ -10,7 +10,7 @@
 
 #include "soter.h"
 
-#define SOTER_OF_THREAD __thread /* what is remembered from one call to the next (compiled_unit.py) */
+#define SOTER_OF_THREAD __thread /* what is remembered between calls (compiled_unit.py) */
 
 #ifdef __cplusplus
 extern "C" {
