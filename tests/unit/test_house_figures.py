@@ -188,10 +188,10 @@ ROOMS = {
     "tests/unit/verify/claims": (18, "a file a claim or a choice, found by its name"),
     "tests/unit/certificate": (65, "as above; and what single functions promise, by kind"),
     "src/soter/verify/tubes": (
-        17,
+        18,
         "one subject each, along the proof",
     ),
-    "tests/unit/verify/tubes": (29, "as above, what enumerates small systems, maps, fits, plans"),
+    "tests/unit/verify/tubes": (30, "as above, what enumerates small systems, maps, fits, plans"),
     "tests/unit/cli": (41, "as above: a file a command"),
     "tests/unit/monitor": (19, "as above: a file a format, and what a log may lie about"),
     "tests/unit/explore": (36, "as above; the engine's strategies are asked one by one"),

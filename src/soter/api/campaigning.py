@@ -62,14 +62,13 @@ def campaign(
 ) -> Campaign:
     """Flies `flights` seeds, or as many as make `hours` of flight (1 h by default).
 
-    Flight k is the run of seed `seed` + k, so `soter run --seed` flies it again. `workers`: the
-    number of threads; "local", the default: a thread for each core; "ray": the cores of a Ray
-    cluster; the results are the same. `output`: the folder. A campaign of the same program, system,
-    time, parameters and seed continues where it stopped, and may be made longer. `arms`: also fly
-    `ac`, `paper` or `swept` on these seeds, each in a subfolder; `lateness_s`: how long to measure
-    this machine for the paper's rules. `saves`: count saves; after AC lost control, fly it on for
-    this time (seconds or text). Raises SoterError U001 for wrong numbers, C006 if the system judges
-    nothing, U003 for extern nodes, D006 for the folder, D007 or D018 for the cluster.
+    Flight k is the run of seed `seed` + k. `workers`: the number of threads; "local", the default:
+    a thread for each core; "ray": the cores of a Ray cluster; results are the same. A campaign of
+    the same program, system, time, parameters and seed continues in its folder `output` where it
+    stopped, and may be made longer. `arms`: also fly `ac`, `paper` or `swept` on these seeds;
+    `lateness_s`: how long to measure this machine for the paper's rules. `saves`: count saves;
+    after AC lost control, fly it on for this time (seconds or text). Raises SoterError U001 (wrong
+    numbers), C006 (nothing is judged), U003 (extern nodes), D006 (folder), D007, D018 (cluster).
     """
     began = time.perf_counter()
     flat, core, until_ns = bindings.system, bindings.core, run_end_ns(bindings.system, until)
@@ -88,9 +87,8 @@ def campaign(
         at = _lateness_quantiles_ns(lateness)
         identity = replace(of, arm=arm.name, lateness=at, **other.code_fields())
         todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", identity))
-    shares = [
-        _progress_of_part(progress or _ignore_progress, k, len(todo)) for k in range(len(todo))
-    ]
+    whole = progress or _ignore_progress
+    shares = [_progress_of_part(whole, k, len(todo)) for k in range(len(todo))]
     with ExitStack() as held:
         crew = threads or held.enter_context(join_cluster())
         flown = [_fly_arm(*one, count, crew, t) for one, t in zip(todo, shares, strict=True)]

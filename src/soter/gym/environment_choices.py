@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type
 
 
+CAUSES = ("", "gate", "stale", "ttf", "recovering", "forced", "toward sc")
+"""Why the agent's action did not count, or was changed; the index is `soter_cause` of C, and is
+what `info["cause"]` of a vector has."""
+
 INFO_KEYS = (
     *("mode", "ttf", "safer", "margin", "stale", "switched", "violations", "taken_by"),
     *("action_requested", "action_taken", "gate_fault", "intervened", "cause", "cost"),

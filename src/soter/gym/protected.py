@@ -19,9 +19,8 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode
 
-from soter.gym.environment_choices import wrong_choice
+from soter.gym.environment_choices import CAUSES, wrong_choice
 from soter.gym.guard import EnvironmentGuard
-from soter.gym.step_info import CAUSES
 from soter.gym.vector import FACTS, ProtectedVector
 
 if TYPE_CHECKING:

@@ -28,8 +28,7 @@ from soter.gym.compiled_system import (
     refuse_call,
     remove_idle_check,
 )
-from soter.gym.environment_choices import chosen_module, chosen_plant, system_with_errors
-from soter.gym.step_info import CAUSES
+from soter.gym.environment_choices import CAUSES, chosen_module, chosen_plant, system_with_errors
 from soter.language.elaborate.derived_systems import with_unbound_externs
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import numbers_in

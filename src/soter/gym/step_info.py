@@ -9,14 +9,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from soter.gym.environment_choices import CAUSES
 from soter.language.evaluate.arithmetic import FaultKind
 
 if TYPE_CHECKING:
     from soter.gym.session import Session
-
-CAUSES = ("", "gate", "stale", "ttf", "recovering", "forced", "toward sc")
-"""Why the agent's action did not count, or was changed; the index is `soter_cause` of C, and is
-what `info["cause"]` of a vector has."""
 
 
 def flag_info(session: Session, before: int, *, has_model: bool) -> dict[str, Any]:

@@ -27,13 +27,13 @@ from soter.gym.compiled_system import (
     remove_idle_check,
 )
 from soter.gym.environment_choices import (
+    CAUSES,  # noqa: F401 - docs/gym.md names it here
     chosen_module,
     observed_parts,
     require_no_shared_extern,
     wrong_choice,
 )
 from soter.gym.safety_warnings import warn_of_no_control
-from soter.gym.step_info import CAUSES  # noqa: F401 - docs/gym.md names it here
 from soter.language.elaborate.derived_systems import with_unbound_externs
 from soter.simulate.run_options import seed_value
 

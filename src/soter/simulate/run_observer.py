@@ -355,6 +355,7 @@ def make_observer(
 ) -> Observer:
     """The observer of a run of a system; `judge`: by default `safe` is evaluated in Python.
 
+    `also` gets the observed states block by block: records (n,) and the changes of mode in them.
     `SoterError` U001 if `keep_trace` names no part of the system.
     """
     dtype, names = state_dtype(layout), named_parts(keep_trace)

@@ -116,7 +116,7 @@ STEP = np.dtype(
 
 
 def array_pointer(ffi: Any, kind: str, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cffi
-    """The address of an array's first element, as the C type `kind`."""
+    """The address of the first element of an array of any shape, as the C type `kind`."""
     return ffi.cast(kind, array.ctypes.data)
 
 

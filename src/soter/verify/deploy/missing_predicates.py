@@ -42,6 +42,7 @@ from soter.verify.grid.grid_refinement import announce_work, cell_count
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import extract, parameter_cases
 from soter.verify.problem.inputs import topics_seen_by_dm
+from soter.verify.tubes.compiled_calls import is_compiler_found
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.kinks import kinks_of
 from soter.verify.tubes.noise_estimate import moves_quickly
@@ -209,7 +210,7 @@ def rest_claims(check: TubeCheck) -> RestClaims:
     p = check.problem
     names = [s.name for s in p.quantities.states]
     ranges = (p.drifts, p.states, p.initial, p.disturbances, check.read_sets, names)
-    parts = [VERSION, check.offline_text({}), repr(ranges)]
+    parts = [VERSION, check.offline_text({}), repr((ranges, is_compiler_found()))]
     key = digest([*parts, *(f.read_text(encoding="utf-8") for f in engine_files())])
     folder = find_cached(REST, key, (REST,))
     if folder is None:

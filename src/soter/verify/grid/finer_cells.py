@@ -90,7 +90,10 @@ def target_on_small_cells(
 
 
 def index_of_declared_cells(part: GroupSets, group: Group) -> tuple[NDArray[np.intp], ...]:
-    """The index with which `cells[index]` transfers declared cells to the cells of `group`."""
+    """The index with which `cells[index]` transfers declared cells to the cells of `group`.
+
+    It has a table (1, ..., n, ..., 1) for each axis, n its finer cells.
+    """
     return np.ix_(
         *(_interval_ids(a, np.array(b.edges)) for a, b in zip(part.edges, group.axes, strict=True))
     )

@@ -6,7 +6,8 @@
   precisely SC is followed.
 - `expression_graph.py` has real expressions; `module_expressions.py` reads those of a module,
   `sc_step.py` those of SC; `moved_rates.py` takes rates apart, by command and disturbance.
-- `generated_functions.py` writes functions that enclose expressions; `enclosures.py` calls them.
+- `generated_functions.py` writes functions that enclose expressions; `enclosures.py` calls them,
+  `compiled_calls.py` calls the costly ones in C.
 - `rest_claims.py` shows what has to hold before the flight; `leading_back.py` shows its first rule;
   `simulated_runs.py` finds runs that never come back, and `noise_estimate.py` estimates what room
   noise needs and which boxes SC leads back into soon.

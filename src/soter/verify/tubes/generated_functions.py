@@ -2,7 +2,7 @@
 
 Purpose: `fun_text` writes a function over forms (or ranges) that encloses some expressions;
 `sure_text` one that is true only where a condition holds for all values that the forms enclose.
-`functions_of` checks such a text like any program. `Caller` evaluates its functions as the
+`checked_text` checks such a text like any program. `Caller` evaluates its functions as the
 interpreter does.
 Non-goals: the arithmetic (`forms.soter`), how a tube is made of it (`tube.soter`), what a whole
 text holds (`tube_check.py`).
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from typing import TypeAlias
 
+    from soter.language.front_end import CheckResult
     from soter.language.model.typed import FunSymbol
 
     Inputs: TypeAlias = Mapping[tuple[str, int], str]
@@ -39,20 +40,32 @@ class TooLongError(Exception):
 
 
 def functions_of(text: str) -> Mapping[str, FunSymbol]:
-    """The functions of a text, by name; raises `TooLongError`. Other errors are defects here."""
+    """The functions of a text, by name; raises `TooLongError`."""
+    program = checked_text(text).program
+    assert program is not None
+    return program.funs
+
+
+def checked_text(text: str) -> CheckResult:
+    """The text, checked like any program; `TooLongError`. Other errors are defects of Soter."""
     checked = check_file(NAME, f"soter 1;\n{text}")
     if any(d.code == "T007" for d in checked.diagnostics.items):
         raise TooLongError
-    assert checked.program is not None, checked.diagnostics
     assert not checked.diagnostics.has_errors, [str(d) for d in checked.diagnostics.items]
-    return checked.program.funs
+    assert checked.program is not None, checked.diagnostics
+    return checked
 
 
 class Caller:
     """Calls the functions of one text in the interpreter."""
 
+    affordable = 10**10
+    """The most operations for all parts of a rest that are tried: they take some minutes."""
+
     def __init__(self, text: str) -> None:
-        self._functions = functions_of(text)
+        self.checked = checked_text(text)
+        assert self.checked.program is not None
+        self._functions = self.checked.program.funs
         self._evaluator = Evaluator({})
         self.fault = ""
         """The message of the fault in the last call; "" where that call did not fault."""

@@ -20,17 +20,19 @@ from soter.diagnostics.current_phase import announce, phase, share_done
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.types import show_ns
 from soter.verify.problem.problem import Interval
+from soter.verify.tubes.compiled_calls import CompiledCaller
 from soter.verify.tubes.expression_graph import middle
-from soter.verify.tubes.generated_functions import Caller, TooLongError
+from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.kinks import kinks_of
 from soter.verify.tubes.noise_estimate import boxes_back_soon, moves_quickly
 from soter.verify.tubes.problem import cut_to_farthest
 from soter.verify.tubes.simulated_runs import runs_from
-from soter.verify.tubes.tube_precision import FINE, MOST, PLAIN, PRECISIONS
+from soter.verify.tubes.tube_precision import FINE, PLAIN, PRECISIONS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from soter.verify.tubes.generated_functions import Caller
     from soter.verify.tubes.simulated_runs import RestRuns, RunNotBack
     from soter.verify.tubes.tube_check import TubeCheck
 
@@ -39,10 +41,8 @@ if TYPE_CHECKING:
     """The lower ends and the upper ends of a region, in the order of `TubeCheck.states`."""
 
 
-SPLITS = 8
+SPLITS = 12
 """A part of the box is halved this many times at most."""
-OPERATIONS_MAX = 10**10
-"""The most operations for all parts that are tried: they take some minutes."""
 LARGER = (1.1, 1.6)
 """Factors by which the box in which simulated runs end is enlarged, for another box to try."""
 ESTIMATED = 2
@@ -117,7 +117,8 @@ class _LeadBackSearch:
                     announce(lambda: f"{self._name}: SC is not shown to lead back into {into} from "
                              "all of it at once; asked of parts")  # fmt: skip
                     self._choose_precision_for_parts()
-                    parts_max = max(2 * SPLITS, OPERATIONS_MAX // self._caller.operations("keeps"))
+                    affordable = self._caller.affordable // self._caller.operations("keeps")
+                    parts_max = max(2 * SPLITS, affordable)
                     todo.append((self._smallest_last_part(), SPLITS, 0.0))  # counted with its whole
             phase(f"{self._name}: shown that SC leads back from {shown:.1%} of rest")
             share_done(shown)
@@ -171,13 +172,13 @@ class _LeadBackSearch:
         return part
 
     def _choose_precision_for_parts(self) -> None:
-        """Chooses `MOST` columns if they show the smallest part and the few of `PLAIN` do not."""
-        part, fits = self._smallest_last_part(), False
-        if self._check.answers_vary and self._way(part, self._box) is None:
+        """Chooses the first precision that shows the smallest last part, `PLAIN` if none does."""
+        part = self._smallest_last_part()
+        for precision in range(PLAIN, len(PRECISIONS)) if self._check.answers_vary else ():
             with suppress(TooLongError, SoterError):
-                fits = self._way_with_precision(MOST, part) is not None
-            if not fits:
-                self._way_with_precision(PLAIN, part)
+                if self._way_with_precision(precision, part) is not None:
+                    return
+        self._way_with_precision(PLAIN, part)
 
     def whole_way(self) -> Box | None:
         """The way from the whole box by the first precision that shows both rest and the start.
@@ -206,7 +207,7 @@ class _LeadBackSearch:
         check.precision = precision
         if precision != PLAIN:
             check.decision_cost()
-        self._caller = Caller(check.offline_text({}))
+        self._caller = CompiledCaller(check.offline_text({}))
         return self._way(part, self._box)
 
     def _way(self, part: Box, box: Box) -> Box | None:
@@ -278,7 +279,7 @@ class _LeadBackSearch:
 
 def _is_start_shown(check: TubeCheck, ways: Box) -> bool:
     initial = {s: check.problem.initial[s] for s in check.states}
-    return Caller(check.offline_text(ways)).returns_true("starts", box_ends(check, initial))
+    return CompiledCaller(check.offline_text(ways)).returns_true("starts", box_ends(check, initial))
 
 
 def is_start_collected(check: TubeCheck, ways: Box) -> bool:

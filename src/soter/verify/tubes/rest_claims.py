@@ -24,6 +24,7 @@ from soter.diagnostics.current_phase import phase
 from soter.language.model.tree_walk import MAX_OPERATIONS
 from soter.language.model.types import show_ns
 from soter.verify.problem.problem import Interval
+from soter.verify.tubes.compiled_calls import CompiledCaller
 from soter.verify.tubes.enclosures import enclosed_ranges
 from soter.verify.tubes.expression_graph import deciding_nodes, in_order
 from soter.verify.tubes.generated_functions import Caller, TooLongError
@@ -299,10 +300,10 @@ def _claims_in_order(check: TubeCheck) -> RestClaims:
     if claims.kept:
         claims.start = claims.kept
         return claims
-    caller = Caller(check.offline_text(claims.ways))
+    caller = CompiledCaller(check.offline_text(claims.ways))
     claims.start = _why_start_not_at_rest(check, caller)
     if claims.start and is_start_collected(check, claims.ways):
-        caller = Caller(check.offline_text(claims.ways))
+        caller = CompiledCaller(check.offline_text(claims.ways))
         claims.start = _why_start_not_at_rest(check, caller)
     claims.kink = check.kink
     starts, first_map = (check.problem.initial[s] for s in check.states), check.problem.first_map
