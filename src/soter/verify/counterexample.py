@@ -436,7 +436,7 @@ def replay_file(path: Path) -> Replay | None:
         for module in flat.modules:
             if module.name == facts.get("instance"):
                 return replay_choices(run, extract(flat, module).system)
-    return None
+    raise ValueError(f"its program has no module `{facts.get('instance')}`")
 
 
 def _program_path(path: Path, named: str) -> str:

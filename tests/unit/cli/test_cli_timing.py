@@ -152,6 +152,14 @@ def test_programs_without_execution_times_say_nothing_of_threads(soter: Soter) -
     assert "thread" not in soter("check", "timed.soter").out
 
 
+@pytest.mark.parametrize("number", ["0", "-5"])
+def test_a_count_below_one_is_refused(soter: Soter, number: str) -> None:
+    write(EXAMPLE)
+    refused = soter("measure", "timed.soter", f"--samples={number}")
+    assert refused.exit == 2
+    assert "it has to be 1 at least" in refused.err
+
+
 @pytest.mark.whole
 def test_measured_times_are_printed_written_and_taken_by_check(soter: Soter) -> None:
     write(re.sub(r" *(wcet|jitter) [0-9a-z]+;[^\n]*\n", "", EXAMPLE))

@@ -185,8 +185,8 @@ def whole_number(text: str) -> int:
 
 
 def at_least_one(text: str) -> int:
-    """A whole number that is not 0; ArgumentTypeError for any other text."""
-    if whole_number(text) == 0:
+    """A whole number above 0; ArgumentTypeError for any other text."""
+    if whole_number(text) < 1:
         raise argparse.ArgumentTypeError("it has to be 1 at least: leave it out for no such bound")
     return whole_number(text)
 

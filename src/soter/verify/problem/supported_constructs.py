@@ -351,12 +351,10 @@ def _refuse_unknown_facts(roots: object, where: str, diagnostics: Diagnostics) -
             diagnostics.error(
                 "R007", f"{where} reads {word}, which a proof cannot follow", node.span, notes=notes
             )
-    _refuse_externs(roots, where, roots, set(), diagnostics)
+    _refuse_externs(where, roots, set(), diagnostics)
 
 
-def _refuse_externs(
-    top: object, where: str, roots: object, seen: set[object], diagnostics: Diagnostics
-) -> None:
+def _refuse_externs(where: str, roots: object, seen: set[object], diagnostics: Diagnostics) -> None:
     """Reports R003 for calls of extern functions, direct or through others."""
     assert isinstance(roots, (list, tuple))
     for call in calls_in(*roots):
@@ -373,4 +371,4 @@ def _refuse_externs(
                 helps=("write the function in Soter",),
             )
         else:
-            _refuse_externs(top, where, call.fun.body, seen, diagnostics)
+            _refuse_externs(where, call.fun.body, seen, diagnostics)

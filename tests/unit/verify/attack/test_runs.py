@@ -59,6 +59,11 @@ def test_a_saved_run_is_found_again_and_leaves_safe(refuted: tuple[Path, Path]) 
     assert again is not None
     height = again.steps[-1]["truth"]["t"]["h"]
     assert not 0.0 < height < 4.0
+    saved = file.read_text()
+    file.write_text(json.dumps(json.loads(saved) | {"instance": "Other"}))
+    with pytest.raises(ValueError, match="no module `Other`"):
+        replay_file(file)
+    file.write_text(saved)
     program.write_text(program.read_text() + "// changed\n")
     with pytest.raises(ValueError, match="another version"):
         replay_file(file)
