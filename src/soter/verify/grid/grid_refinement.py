@@ -194,7 +194,7 @@ def _group_with_split_intervals(group: Group, cells: Bools) -> Group | None:
 
 
 def axis_with_halved_cells(axis: Axis, near: Bools) -> Axis:
-    """The axis whose intervals marked in `near`, (n,), are cut in two, but for those without end."""
+    """The axis whose intervals marked in `near`, (n,), are cut in two, but for endless ones."""
     edges: list[float] = []
     outer = (0, len(near) - 1) if axis.unbounded else ()
     for k, (low, high, split) in enumerate(zip(axis.edges, axis.edges[1:], near, strict=False)):

@@ -4,7 +4,8 @@ Purpose: this is rule 1 of "Decisions by tubes" (proof-flight.md). `way_back` as
 `rest.soter` whether every run of SC that begins in the box comes back into it: first for the whole
 box, then, where that fails, for ever smaller halves of it. Where a part is not shown the result
 names it, and another box into which SC does lead. Simulated runs (`simulated_runs.py`) end the
-search at once where no tube can show a start.
+search at once where no tube can show a start. Behind it the start is asked, and how precisely the
+DM has to follow SC so that AC has control there.
 Non-goals: finding the box (`rest_claims.py`), the tube itself (`rest.soter`).
 """
 
@@ -280,6 +281,30 @@ class _LeadBackSearch:
 def _is_start_shown(check: TubeCheck, ways: Box) -> bool:
     initial = {s: check.problem.initial[s] for s in check.states}
     return CompiledCaller(check.offline_text(ways)).returns_true("starts", box_ends(check, initial))
+
+
+def is_control_given(check: TubeCheck, ways: Box) -> bool:
+    """Whether the check of the DM lets AC have control in the middle of where a run may start."""
+    first_map = check.problem.first_map
+    estimate = [middle(check.problem.initial[s]) for s in check.states]
+    caller = CompiledCaller(check.offline_text(ways))
+    return caller.returns_true("good", estimate, *[first_map] * bool(first_map))
+
+
+def choose_precision_that_gives_control(check: TubeCheck, ways: Box) -> bool:
+    """Whether AC has control at the start by a higher precision; chooses the first such.
+
+    What is shown of SC does not depend on how precisely the DM follows SC afterwards.
+    """
+    shown_by = check.precision
+    for precision in range(shown_by + 1, len(PRECISIONS)):
+        check.precision = precision
+        with suppress(TooLongError, SoterError):
+            check.decision_cost()
+            if _is_start_shown(check, ways) and is_control_given(check, ways):
+                return True
+    check.precision = shown_by
+    return False
 
 
 def is_start_collected(check: TubeCheck, ways: Box) -> bool:

@@ -29,7 +29,14 @@ from soter.verify.tubes.enclosures import enclosed_ranges
 from soter.verify.tubes.expression_graph import deciding_nodes, in_order
 from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.kinks import Kink, kink_entry
-from soter.verify.tubes.leading_back import box_ends, box_in_words, is_start_collected, way_back
+from soter.verify.tubes.leading_back import (
+    box_ends,
+    box_in_words,
+    choose_precision_that_gives_control,
+    is_control_given,
+    is_start_collected,
+    way_back,
+)
 from soter.verify.tubes.problem import FARTHEST, cut_to_farthest, is_far, refusal, rounded_up
 from soter.verify.tubes.sc_step import variables_entry
 from soter.verify.tubes.tube_precision import PLAIN
@@ -306,9 +313,10 @@ def _claims_in_order(check: TubeCheck) -> RestClaims:
         caller = CompiledCaller(check.offline_text(claims.ways))
         claims.start = _why_start_not_at_rest(check, caller)
     claims.kink = check.kink
-    starts, first_map = (check.problem.initial[s] for s in check.states), check.problem.first_map
-    estimate = [r.low / 2 + r.high / 2 for r in starts]
-    claims.given = caller.returns_true("good", estimate, *[first_map] * bool(first_map))
+    claims.given = is_control_given(check, claims.ways)
+    if not (claims.start or claims.given) and check.answers_vary:
+        claims.given = choose_precision_that_gives_control(check, claims.ways)
+        claims.precision = check.precision
     return claims
 
 

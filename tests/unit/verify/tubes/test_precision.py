@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import soter
@@ -12,12 +13,10 @@ from soter.verify.tubes.noise_estimate import moves_quickly
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import show_rest_claims
 from soter.verify.tubes.tube_check import TubeCheck
-from soter.verify.tubes.tube_precision import FINE, PRECISIONS
+from soter.verify.tubes.tube_precision import FINE, MOST, PLAIN, PRECISIONS
 from soter.verify.tubes.verify import TubeResult
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import pytest
 
 QUICK = """soter 1;
@@ -83,3 +82,14 @@ def test_a_slow_plant_is_not_followed_in_several_steps() -> None:
     for lag, quick in (("0.05", True), ("2.0", False)):
         check = check_of(QUICK.replace("0.05;", f"{lag};"))
         assert moves_quickly(check) is quick
+
+
+def test_the_check_is_as_precise_as_ac_needs_it_to_have_control() -> None:
+    tanks = Path(__file__).parents[4] / "bench" / "tubes" / "designed" / "quadtank.soter"
+    check = check_of(tanks.read_text(encoding="utf-8"))
+    claims = show_rest_claims(check)
+    assert (claims.kept, claims.start) == ("", "")
+    assert claims.given
+    assert (check.precision, claims.precision) == (MOST, MOST)
+    check.precision = PLAIN  # by which rest was shown, in parts
+    assert not leading_back.is_control_given(check, claims.ways)
