@@ -36,7 +36,8 @@ def row_of(path: Path) -> tuple[list[str], bool, bool]:
         accepted = proved and soter.recheck(cert).accepted
     assert isinstance(module, TubeResult)
     check, needs = module.check, noise_estimate(module.check, module.claims.box)
-    row = [path.stem, str(len(check.states)), "proved" if proved else "undecided"]
+    given = ("no", "yes")[module.claims.given] if proved else "-"
+    row = [path.stem, str(len(check.states)), "proved" if proved else "undecided", given]
     if needs is None:
         return [*row, *"-----"], proved, accepted
     worst = f"{needs.share:.2g} ({check.problem.leaf_of_state(needs.worst)})"
@@ -51,8 +52,8 @@ def main(arguments: list[str]) -> None:
     only = parser.parse_args(arguments).only
     for folder in FOLDERS:
         print(
-            f"\n| {folder.name} | states | verdict | noise needs | commands on time | reads young "
-            "| SC at ends | back after |\n|---|---|---|---|---|---|---|---|"
+            f"\n| {folder.name} | states | verdict | AC at the start | noise needs | commands on time "
+            "| reads young | SC at ends | back after |\n|---|---|---|---|---|---|---|---|---|"
         )
         rows = []
         for path in sorted(p for p in folder.glob("*.soter") if only in p.stem):
