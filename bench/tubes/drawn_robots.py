@@ -1,6 +1,6 @@
 """Robots with five and more states that hang together, drawn by people who did not build `rest`.
 
-    .venv/bin/python bench/tubes/drawn_robots.py            21 robots, twenty minutes
+    .venv/bin/python bench/tubes/drawn_robots.py            21 robots, ten minutes
     .venv/bin/python bench/tubes/drawn_robots.py --only iris
 
 Purpose: each program of `drawn/` and `designed/` is verified as a user would, what is proved is
