@@ -36,7 +36,7 @@ def row_of(path: Path) -> tuple[list[str], bool, bool]:
         accepted = proved and soter.recheck(cert).accepted
     assert isinstance(module, TubeResult)
     check, needs = module.check, noise_estimate(module.check, module.claims.box)
-    given = ("no", "yes")[module.claims.given] if proved else "-"
+    given = ("no", "yes")[module.claims.ac_has_control] if proved else "-"
     row = [path.stem, str(len(check.states)), "proved" if proved else "undecided", given]
     if needs is None:
         return [*row, *"-----"], proved, accepted
@@ -52,8 +52,9 @@ def main(arguments: list[str]) -> None:
     only = parser.parse_args(arguments).only
     for folder in FOLDERS:
         print(
-            f"\n| {folder.name} | states | verdict | AC at the start | noise needs | commands on time "
-            "| reads young | SC at ends | back after |\n|---|---|---|---|---|---|---|---|---|"
+            f"\n| {folder.name} | states | verdict | AC at the start | noise needs "
+            "| commands on time | reads young | SC at ends | back after |\n"
+            "|---|---|---|---|---|---|---|---|---|"
         )
         rows = []
         for path in sorted(p for p in folder.glob("*.soter") if only in p.stem):

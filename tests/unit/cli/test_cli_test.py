@@ -370,7 +370,7 @@ def test_the_threads_told_are_those_that_ran(
         (("--threads", "0"), "U001"),
         (("--threads", "x"), "U003"),
         (("--runs", "0"), "U001"),
-        (("--max-states", "-1"), "U001"),
+        (("--max-states", "-1"), "U003"),
         (("--skew", "5"), "U001"),
         (("--horizon", "0s"), "U001"),
         (("--set", "NONE=1"), "U004"),

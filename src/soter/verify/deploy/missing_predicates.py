@@ -162,7 +162,7 @@ def _install_tube_predicates(
     install_predicates(flat, module, problem, levels)
     module.unshown = _unshown_in_words(claims)
     missing = f"; not shown: {module.unshown}" if module.unshown else ""
-    at_start = any(c.given for c in claims)
+    at_start = any(c.ac_has_control for c in claims)
     where = "SC, followed from there, comes to rest" + ", not at the start" * (not at_start)
     return f"{module.name}: AC may have control where {where}{missing}"
 

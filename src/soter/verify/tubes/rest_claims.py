@@ -211,10 +211,10 @@ class RestClaims:
     """The results of the claims; each text says why a claim is not shown, or is "".
 
     `box` is B of rule 1; `ways` is Y, the later range of each state that `moves` does not name.
-    `precision` is that of the check that showed the box and flies; `kink` is its kink, if
+    `precision` is that of the check that flies; `kink` is its kink, if
     any. `astray` is a state in which a run does not come back, so that no younger read would help.
     `other` is a box that SC is shown to lead back into if B is not shown; empty if none was found.
-    `given` says whether AC has control at an exact estimate of the middle of the start.
+    `ac_has_control` says whether AC has control at an exact estimate of the middle of the start.
     """
 
     box: dict[int, Interval] = field(default_factory=dict)
@@ -225,7 +225,7 @@ class RestClaims:
     astray: int | None = None
     moves: str = ""
     start: str = ""
-    given: bool = False
+    ac_has_control: bool = False
     precision: int = PLAIN
     kink: Kink | None = None
 
@@ -313,9 +313,9 @@ def _claims_in_order(check: TubeCheck) -> RestClaims:
         caller = CompiledCaller(check.offline_text(claims.ways))
         claims.start = _why_start_not_at_rest(check, caller)
     claims.kink = check.kink
-    claims.given = is_control_given(check, claims.ways)
-    if not (claims.start or claims.given) and check.answers_vary:
-        claims.given = choose_precision_that_gives_control(check, claims.ways)
+    claims.ac_has_control = is_control_given(check, claims.ways)
+    if not (claims.start or claims.ac_has_control) and check.answers_vary:
+        claims.ac_has_control = choose_precision_that_gives_control(check, claims.ways)
         claims.precision = check.precision
     return claims
 

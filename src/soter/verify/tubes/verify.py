@@ -183,7 +183,7 @@ def verify_by_tubes(
     if claims.start and not why:
         findings["start"].hint = _doubt_in_words(problem) or AT_START
     result.findings = {p: findings[p] for p in PROPERTIES}
-    result.at_the_start = NOT_GIVEN if not (why or claims.given) else ""
+    result.at_the_start = NOT_GIVEN if not (why or claims.ac_has_control) else ""
     result.vacuity = vacuity_of_rest(problem, result.at_the_start)
     mention_vacuity_in_claim(result)
     result.seconds = time.perf_counter() - began

@@ -89,7 +89,7 @@ def test_the_check_is_as_precise_as_ac_needs_it_to_have_control() -> None:
     check = check_of(tanks.read_text(encoding="utf-8"))
     claims = show_rest_claims(check)
     assert (claims.kept, claims.start) == ("", "")
-    assert claims.given
+    assert claims.ac_has_control
     assert (check.precision, claims.precision) == (MOST, MOST)
     check.precision = PLAIN  # by which rest was shown, in parts
     assert not leading_back.is_control_given(check, claims.ways)
